@@ -1,0 +1,1 @@
+"""Parametric and static bodies."""

@@ -1,0 +1,1 @@
+"""Collision candidates, barrier, friction and the CCD step bound."""

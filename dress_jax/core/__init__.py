@@ -1,0 +1,1 @@
+"""Data carriers, precision, results and shape buckets: what every layer shares."""

@@ -1,0 +1,21 @@
+"""Simulation and pattern geometry run in double precision; this is where that is required."""
+
+import jax
+
+
+def require_float64(caller: str) -> None:
+    """Raise unless 64-bit arrays are turned on.
+
+    Importing the package changes no global setting, so a program turns 64-bit on itself.
+
+    Args:
+        caller: the public function that needs double precision, named in the error.
+
+    Raises:
+        RuntimeError: 64-bit is off; the message holds the line to add.
+    """
+    if not jax.config.jax_enable_x64:
+        raise RuntimeError(
+            f"{caller} needs double precision; add this line at the start of your program:\n"
+            '    jax.config.update("jax_enable_x64", True)'
+        )

@@ -1,0 +1,1 @@
+"""Elastic and external energies: one pure stencil function each."""

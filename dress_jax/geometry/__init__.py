@@ -1,0 +1,1 @@
+"""Meshes, curves, distances and exact tests, free of cloth and of patterns."""

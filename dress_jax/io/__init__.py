@@ -1,0 +1,1 @@
+"""Files: the only library layer that touches them."""

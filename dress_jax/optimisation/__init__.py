@@ -1,0 +1,1 @@
+"""Pattern optimisation as init and step over an explicit state."""

@@ -1,0 +1,1 @@
+"""Sewing patterns: the file dialects, their parameters and their discretization."""

@@ -1,0 +1,1 @@
+"""The differentiable cloth simulator and how a garment gets onto a body."""

@@ -1,0 +1,19 @@
+"""Every test runs in double precision and with explicit broadcasting."""
+
+import os
+from pathlib import Path
+
+import jax
+import pytest
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_numpy_rank_promotion", "raise")
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The folder with trial data, or a skip where it is absent."""
+    root = Path(os.environ.get("DRESS_JAX_DATA", Path(__file__).parents[2] / "shared" / "data"))
+    if not root.is_dir():
+        pytest.skip(f"trial data not found at {root}; set DRESS_JAX_DATA")
+    return root
