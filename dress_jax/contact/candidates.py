@@ -1,0 +1,88 @@
+"""Pairs that may come close: padded index arrays, and the gather that makes padding harmless."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from dress_jax.core.buckets import bucket_size, pad_columns
+from dress_jax.core.pytree import pytree
+
+# What padded lanes hold: 1 km apart as a vertex-face stencil and 650 m as an edge-edge stencil,
+# neither degenerate nor parallel.
+_SAFE = 1000.0 * np.array(
+    [[0.25, 1.0, 0.25], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], np.float64
+)
+
+
+@pytree
+class Candidates:
+    """Vertex-face and edge-edge pairs, padded to a bucket size.
+
+    Attributes:
+        vertex_face: [vertex, face corners] in each column, shape (4, cv).
+        edge_edge: [edge a, edge b] in each column, shape (4, ce).
+        vertex_face_count: number of columns in use.
+        edge_edge_count: number of columns in use.
+    """
+
+    vertex_face: Int[Array, "4 cv"]
+    edge_edge: Int[Array, "4 ce"]
+    vertex_face_count: Int[Array, ""]
+    edge_edge_count: Int[Array, ""]
+
+
+def make_candidates(
+    vertex_face: Int[np.ndarray, "m 4"], edge_edge: Int[np.ndarray, "k 4"]
+) -> Candidates:
+    """Pad the pairs of the broad phase to bucket sizes.
+
+    Args:
+        vertex_face: rows [vertex, face corners], shape (m, 4).
+        edge_edge: rows [edge a, edge b], shape (k, 4).
+    """
+
+    def padded(rows: np.ndarray) -> Array:
+        rows = np.asarray(rows, np.int32).reshape(-1, 4)
+        return jnp.asarray(pad_columns(rows.T, bucket_size(len(rows))))
+
+    return Candidates(
+        vertex_face=padded(vertex_face),
+        edge_edge=padded(edge_edge),
+        vertex_face_count=jnp.asarray(len(vertex_face), jnp.int32),
+        edge_edge_count=jnp.asarray(len(edge_edge), jnp.int32),
+    )
+
+
+def mask(indices: Int[Array, "4 c"], count: Int[Array, ""]) -> Bool[Array, "c"]:
+    """True for the columns in use."""
+    return jnp.arange(indices.shape[1], dtype=jnp.int32) < count
+
+
+def gather(
+    positions: Float[Array, "n 3"], indices: Int[Array, "4 c"], count: Int[Array, ""]
+) -> Float[Array, "4 3 c"]:
+    """Stencils of the pairs; padded columns hold a fixed configuration with a large distance.
+
+    Args:
+        positions: positions [m], shape (n, 3).
+        indices: columns of `Candidates`, shape (4, c).
+        count: number of columns in use.
+
+    Returns:
+        Stencils [m], shape (4, 3, c); padded columns do not depend on `positions`.
+    """
+    used = mask(indices, count)[None, :]
+    safe = jnp.asarray(_SAFE, positions.dtype)
+    components = [
+        jnp.where(used, positions[:, axis][indices], safe[:, axis : axis + 1]) for axis in range(3)
+    ]
+    return jnp.stack(components, axis=1)
+
+
+def gather_displacements(
+    displacement: Float[Array, "n 3"], indices: Int[Array, "4 c"], count: Int[Array, ""]
+) -> Float[Array, "4 3 c"]:
+    """Like `gather`, for differences of positions [m]: padded columns are zero."""
+    used = mask(indices, count)[None, :]
+    components = [jnp.where(used, displacement[:, axis][indices], 0.0) for axis in range(3)]
+    return jnp.stack(components, axis=1)
