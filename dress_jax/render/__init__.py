@@ -1,1 +1,1 @@
-"""Differentiable rasterization."""
+"""Differentiable rasterization: cameras, visibility, silhouettes, images."""
