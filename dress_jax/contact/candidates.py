@@ -5,6 +5,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from dress_jax.core.buckets import bucket_size, pad_columns
+from dress_jax.core.components import Components, split
+from dress_jax.core.components import gather as gather_columns
 from dress_jax.core.pytree import pytree
 
 # What padded lanes hold: 1 km apart as a vertex-face stencil and 650 m as an edge-edge stencil,
@@ -12,6 +14,9 @@ from dress_jax.core.pytree import pytree
 _SAFE = 1000.0 * np.array(
     [[0.25, 1.0, 0.25], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], np.float64
 )
+
+# Smaller lists would be compiled for without being faster.
+_SMALLEST_CAPACITY = 8192
 
 
 @pytree
@@ -43,7 +48,7 @@ def make_candidates(
 
     def padded(rows: np.ndarray) -> Array:
         rows = np.asarray(rows, np.int32).reshape(-1, 4)
-        return jnp.asarray(pad_columns(rows.T, bucket_size(len(rows))))
+        return jnp.asarray(pad_columns(rows.T, bucket_size(len(rows), smallest=_SMALLEST_CAPACITY)))
 
     return Candidates(
         vertex_face=padded(vertex_face),
@@ -71,18 +76,34 @@ def gather(
     Returns:
         Stencils [m], shape (4, 3, c); padded columns do not depend on `positions`.
     """
-    used = mask(indices, count)[None, :]
-    safe = jnp.asarray(_SAFE, positions.dtype)
-    components = [
-        jnp.where(used, positions[:, axis][indices], safe[:, axis : axis + 1]) for axis in range(3)
-    ]
-    return jnp.stack(components, axis=1)
+    return _stack(gather_components(positions, indices, mask(indices, count)))
 
 
 def gather_displacements(
     displacement: Float[Array, "n 3"], indices: Int[Array, "4 c"], count: Int[Array, ""]
 ) -> Float[Array, "4 3 c"]:
     """Like `gather`, for differences of positions [m]: padded columns are zero."""
-    used = mask(indices, count)[None, :]
-    components = [jnp.where(used, displacement[:, axis][indices], 0.0) for axis in range(3)]
-    return jnp.stack(components, axis=1)
+    used = mask(indices, count)
+    return _stack(gather_components(displacement, indices, used, padding=np.zeros((4, 3))))
+
+
+def gather_components(
+    rows: Float[Array, "n 3"],
+    indices: Int[Array, "4 c"],
+    used: Bool[Array, "c"],
+    *,
+    padding: Float[np.ndarray, "4 3"] = _SAFE,
+) -> tuple[Components, ...]:
+    """The stencils as four points of three components each, `padding` where not used."""
+    columns = split(rows)
+    return tuple(
+        tuple(
+            jnp.where(used, component, padding[corner, axis])
+            for axis, component in enumerate(gather_columns(columns, indices[corner]))
+        )
+        for corner in range(4)
+    )
+
+
+def _stack(stencils: tuple[Components, ...]) -> Float[Array, "4 3 c"]:
+    return jnp.stack([jnp.stack(point) for point in stencils])
