@@ -27,7 +27,8 @@ def self_crossings(points: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, "k 2"]:
     ring = shapely.LinearRing(points)
     if ring.is_simple:
         return np.zeros((0, 2), dtype=int)
-    segments = shapely.linestrings(np.stack([points, np.roll(points, -1, axis=0)], axis=1))
+    ends = np.stack([points, np.roll(points, -1, axis=0)], axis=1)
+    segments = np.asarray(shapely.linestrings(ends))
     i, j = shapely.STRtree(segments).query(segments, predicate="intersects")
     i, j = i[i < j], j[i < j]
     gap = (j - i) % count

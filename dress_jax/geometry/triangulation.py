@@ -4,6 +4,8 @@ Constrained Delaunay on the boundary points and a hexagonal lattice of interior 
 then moved to the area-weighted centroids of their triangles a few times.
 """
 
+from typing import Any
+
 import numpy as np
 import pythoncdt
 import shapely
@@ -40,7 +42,6 @@ def triangulate(
         TriangulationError: the outline crosses itself or a triangle has no area.
     """
     polygon = shapely.Polygon(boundary)
-    # Work at the polygon's own scale: Delaunay predicates are exact, but lengths are not.
     interior = _lattice(polygon, edge_length)
     count = len(boundary)
     allowed = polygon.buffer(-_MOVED_MARGIN * edge_length)
@@ -86,14 +87,16 @@ def constrained_delaunay(
         TriangulationError: points coincide or the loop crosses itself.
     """
     loop = np.arange(boundary_count, dtype=np.uint32)
-    segments = np.ascontiguousarray(np.stack([loop, np.roll(loop, -1)], axis=1))
+    # The binding takes C-contiguous buffers; its type stubs do not know arrays as such.
+    segments: Any = np.ascontiguousarray(np.stack([loop, np.roll(loop, -1)], axis=1))
+    buffer: Any = np.ascontiguousarray(points)
     mesh = pythoncdt.Triangulation(
         pythoncdt.VertexInsertionOrder.AUTO,
         pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED,
         0.0,
     )
     try:
-        mesh.insert_vertices(np.ascontiguousarray(points))
+        mesh.insert_vertices(buffer)
         mesh.insert_edges(segments)
     except RuntimeError as error:
         reason = str(error).splitlines()[0]

@@ -11,6 +11,7 @@ from dress_jax.geometry.polygons import signed_area
 from dress_jax.geometry.triangulation import TriangulationError, triangulate
 from dress_jax.pattern.discretization import Discretization
 from dress_jax.pattern.model import Pattern
+from dress_jax.pattern.orientation import consistent_signs
 from dress_jax.pattern.parameters import edge_table
 from dress_jax.pattern.sampling import (
     edge_count_minimum,
@@ -73,11 +74,11 @@ def _outline_layout(
     """
     offsets, samples, number, base = [0], [], 0, 0
     for panel in pattern.panels:
-        own = counts[number : number + len(panel.edges)]
-        total = int(own.sum())
-        starts = np.cumsum([0, *own[:-1]])
-        for start, count in zip(starts, own, strict=True):
+        own = counts[number : number + len(panel.edges)].tolist()
+        total, start = sum(own), 0
+        for count in own:
             samples.append(base + (start + np.arange(count + 1)) % total)
+            start += count
         number += len(panel.edges)
         base += total
         offsets.append(base)
@@ -107,13 +108,13 @@ def _check_outlines(
     pairs = _seam_pairs(samples, stitched, flips)
     joined = np.concatenate([np.zeros((0, 2), dtype=np.int64), *pairs])
     label = weld(joined, int(offsets[-1]))
-    first_segment = np.cumsum([0, *counts])
+    first_segment = np.cumsum([0, *counts]).tolist()
     ends = np.concatenate([np.stack([s[:-1], s[1:]], axis=1) for s in samples])
     owner = np.repeat(np.arange(len(counts)), counts)
     twin = np.full(len(ends), -1)
-    for (first, second), flipped in zip(stitched, flips, strict=True):
-        own = first_segment[first] + np.arange(counts[first])
-        other = first_segment[second] + np.arange(counts[second])
+    for (first, second), flipped in zip(stitched.tolist(), flips, strict=True):
+        own = np.arange(first_segment[first], first_segment[first + 1])
+        other = np.arange(first_segment[second], first_segment[second + 1])
         other = other[::-1] if flipped else other
         twin[own], twin[other] = other, own
     faulty = np.zeros(len(counts), dtype=bool)
@@ -138,9 +139,9 @@ def _mesh_panels(
     """Triangulate all panels.
 
     Returns:
-        Meshes; curve parameters and edge numbers of the outline, per panel; loop orientations.
+        Meshes; curve parameters and edge numbers of the outline, per panel; signed areas [m^2].
     """
-    meshes, parameters, owners, orientation, base = [], [], [], [], 0
+    meshes, parameters, owners, areas, base = [], [], [], [], 0
     for panel in pattern.panels:
         own = counts[base : base + len(panel.edges)]
         outline, t, owner = panel_samples(panel, own)
@@ -156,9 +157,9 @@ def _mesh_panels(
         meshes.append(PanelMesh(points, faces, len(outline)))
         parameters.append(t)
         owners.append(owner + base)
-        orientation.append(1 if signed_area(outline) > 0.0 else -1)
+        areas.append(signed_area(outline))
         base += len(panel.edges)
-    return meshes, parameters, owners, np.array(orientation)
+    return meshes, parameters, owners, np.array(areas)
 
 
 def _assemble(
@@ -169,7 +170,11 @@ def _assemble(
     flips: np.ndarray,
     label: np.ndarray,
 ) -> Discretization:
-    meshes, parameters, owners, orientation = _mesh_panels(pattern, edge_length, counts)
+    meshes, parameters, owners, areas = _mesh_panels(pattern, edge_length, counts)
+    table = edge_table(pattern)
+    sewn = table.panel[stitched]
+    follows = consistent_signs(np.abs(areas), sewn, flips)
+    orientation = np.where(areas > 0.0, 1, -1) * follows
     outline_offset, samples = _outline_layout(counts, pattern)
     meshes = split_faulty_edges(meshes, np.split(label, outline_offset[1:-1]))
     sizes = np.array([len(mesh.points) for mesh in meshes])
@@ -190,7 +195,7 @@ def _assemble(
         ]
     )
     return Discretization(
-        edges=edge_table(pattern),
+        edges=table,
         sample_edge=np.concatenate(owners).astype(np.int32),
         sample_t=np.concatenate(parameters),
         harmonic=tuple(
@@ -211,9 +216,10 @@ def _assemble(
         edge_sample_offset=np.cumsum([0] + [len(own) for own in samples]).astype(np.int32),
         edge_offset=np.cumsum([0] + [len(p.edges) for p in pattern.panels]).astype(np.int32),
         orientation=orientation.astype(np.int32),
-        seam_consistent=flips,
+        seam_consistent=(follows[sewn[:, 0]] == follows[sewn[:, 1]]) == flips,
         rotation=np.stack([panel.rotation for panel in pattern.panels]),
         translation=np.stack([panel.translation for panel in pattern.panels]),
+        meshed_positions=np.concatenate([mesh.points for mesh in meshes]),
         vertex_count=int(weld_map.max()) + 1,
         edge_length=float(edge_length),
         panel_names=tuple(panel.name for panel in pattern.panels),

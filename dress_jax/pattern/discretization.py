@@ -28,8 +28,9 @@ class Discretization:
         sample_edge: edge of each outline vertex, panels in turn, shape (B,).
         sample_t: its curve parameter, uniform in arc length, shape (B,).
         harmonic: per panel the weights from outline to inner vertices, shape (inner, outline).
-        rest_faces: triangles in panel vertices, shape (F, 3). They turn the way the panel's loop
-            does, so a panel with `orientation` -1 has clockwise triangles in panel coordinates.
+        rest_faces: triangles in panel vertices, shape (F, 3). They turn so that the sewn surface
+            has one outer side, so in panel coordinates they are clockwise, with negative signed
+            area, in panels whose `orientation` is -1.
         face_panel: panel of each triangle, shape (F,).
         panel_of_vertex: panel of each panel vertex, shape (P,).
         panel_offset: first panel vertex of each panel, and P, shape (panels + 1,).
@@ -42,11 +43,14 @@ class Discretization:
         edge_samples: panel vertices along every edge, ends included, concatenated, shape (Q,).
         edge_sample_offset: first entry of each edge in `edge_samples`, and Q, shape (E + 1,).
         edge_offset: first edge of each panel, and E, shape (panels + 1,).
-        orientation: +1 for a counter-clockwise loop, -1 for a clockwise one, shape (panels,).
-        seam_consistent: whether the triangles on the two sides of a stitch turn the same way
-            (False for `right_wrong` stitches between loops), shape (stitches,).
+        orientation: +1 where a panel's triangles are counter-clockwise in panel coordinates, -1
+            where they are clockwise, shape (panels,). They follow the loop, except for panels that
+            `right_wrong` stitches turn around (`orientation.consistent_signs`).
+        seam_consistent: whether the triangles on the two sides of a stitch turn the same way;
+            False only in one-sided garments, shape (stitches,).
         rotation: panel to world, shape (panels, 3, 3).
         translation: panel to world [m], shape (panels, 3).
+        meshed_positions: panel vertices as they were meshed [m], shape (P, 2).
         vertex_count: N.
         edge_length: the wanted edge length [m].
         panel_names: names in order.
@@ -72,6 +76,7 @@ class Discretization:
     seam_consistent: Bool[np.ndarray, "stitches"]
     rotation: Float[np.ndarray, "panels 3 3"]
     translation: Float[np.ndarray, "panels 3"]
+    meshed_positions: Float[np.ndarray, "P 2"]
     vertex_count: int = static()
     edge_length: float = static()
     panel_names: tuple[str, ...] = static()

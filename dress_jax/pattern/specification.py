@@ -110,7 +110,7 @@ def _parse_panel(name: str, raw: Any, dialect: Dialect, source: str) -> Panel:
     where = _join(source, f"panel {name!r}")
     raw = _mapping(raw, where)
     units = dialect.units_in_meter
-    vertices = _numbers(_key(raw, "vertices", where), (None, 2), _join(where, "vertices")) / units
+    vertices = _numbers(_key(raw, "vertices", where), (-1, 2), _join(where, "vertices")) / units
     angles = _numbers(_key(raw, "rotation", where), (3,), _join(where, "rotation"))
     shift = _numbers(_key(raw, "translation", where), (3,), _join(where, "translation")) / units
     rotation = rotation_matrix(angles, order=dialect.euler)
@@ -289,19 +289,16 @@ def _key(mapping: Mapping[str, Any], key: str, where: str) -> Any:
     return mapping[key]
 
 
-def _numbers(value: Any, shape: tuple[int | None, ...], where: str) -> np.ndarray:
-    """A float array of the given shape (None: any length), finite throughout."""
-    described = " x ".join("n" if size is None else str(size) for size in shape)
-    items = _sequence(value, where)
-    rows = [list(_sequence(item, where)) for item in items] if len(shape) == 2 else [list(items)]
-    if not all(_is_number(number) for row in rows for number in row):
-        raise InputError(f"expected {described} numbers", where=where)
+def _numbers(value: Any, shape: tuple[int, ...], where: str) -> np.ndarray:
+    """A float array of one or two axes (-1: any length), finite throughout."""
+    described = " x ".join("n" if size < 0 else str(size) for size in shape)
+    items = list(_sequence(value, where))
+    rows = [list(_sequence(item, where)) for item in items] if len(shape) == 2 else [items]
     fits = all(len(row) == shape[-1] for row in rows)
-    if not fits or (len(shape) == 2 and shape[0] not in (None, len(rows))):
+    fits = fits and (len(shape) == 1 or shape[0] in (-1, len(rows)))
+    if not fits or not all(_is_number(number) for row in rows for number in row):
         raise InputError(f"expected {described} numbers", where=where)
-    array = np.array(rows if len(shape) == 2 else rows[0], dtype=float).reshape(
-        (-1, shape[-1]) if len(shape) == 2 else (shape[0],)
-    )
+    array = np.array(rows, dtype=float).reshape(shape)
     if not np.isfinite(array).all():
         raise InputError("a number is not finite", where=where, mend="replace NaN or infinity")
     return array
