@@ -1,0 +1,202 @@
+"""Patterns drafted in code from body measurements, placed around a standing body.
+
+World frame: +y up, +z front, +x the wearer's left, feet at y = 0. Front panels stand in the plane
+z = +gap, back panels in z = -gap, turned about the vertical axis so that both loops run
+counter-clockwise seen from outside.
+"""
+
+import math
+
+import numpy as np
+
+from dress_jax.core.errors import InputError
+from dress_jax.core.pytree import pytree, static
+from dress_jax.geometry.rotations import rotation_matrix
+from dress_jax.pattern.model import Edge, Panel, Pattern, Side, Stitch, line, quadratic
+
+
+@pytree
+class Measurements:
+    """Body measurements [m]; the defaults fit a person of about 1.68 m.
+
+    Args:
+        chest, waist, hips: girths.
+        neck_width: between the shoulder points at the neck.
+        shoulder_width: between the shoulder tips.
+        shoulder_height, shoulder_tip_height, chest_height, waist_height, hips_height, knee_height,
+            wrist_height: above the floor; `shoulder_height` at the neck, `wrist_height` as if the
+            arm hung down.
+        upper_arm: girth.
+    """
+
+    chest: float = static(default=0.92)
+    waist: float = static(default=0.76)
+    hips: float = static(default=0.98)
+    neck_width: float = static(default=0.15)
+    shoulder_width: float = static(default=0.38)
+    shoulder_height: float = static(default=1.41)
+    shoulder_tip_height: float = static(default=1.37)
+    chest_height: float = static(default=1.22)
+    waist_height: float = static(default=1.04)
+    hips_height: float = static(default=0.86)
+    knee_height: float = static(default=0.47)
+    upper_arm: float = static(default=0.30)
+
+
+DEFAULT = Measurements()
+
+
+def _positive(**numbers: float) -> None:
+    for name, value in numbers.items():
+        if not (math.isfinite(value) and value > 0.0):
+            raise InputError(f"{name} is {value!r}", mend="give a positive number")
+
+
+def _bodice(
+    name: str,
+    measurements: Measurements,
+    *,
+    hem_height: float,
+    hem_width: float,
+    ease: float,
+    neck_depth: float,
+    gap: float,
+    back: bool,
+) -> Panel:
+    """A torso panel from shoulders to hem; its origin is at the neck's height on the middle line.
+
+    Edges: 0 hem, 1 right-hand side, 2 right-hand armhole, 3 right-hand shoulder, 4 neckline,
+    5 left-hand shoulder, 6 left-hand armhole, 7 left-hand side, as seen from outside.
+    """
+    m = measurements
+    top = m.shoulder_height
+    half_chest = 0.25 * m.chest * (1.0 + ease)
+    half_neck, half_shoulder, half_hem = 0.5 * m.neck_width, 0.5 * m.shoulder_width, 0.5 * hem_width
+    armpit = m.chest_height + 0.02 - top
+    tip = m.shoulder_tip_height - top
+    hem = hem_height - top
+    vertices = np.array(
+        [
+            (-half_hem, hem),
+            (half_hem, hem),
+            (half_chest, armpit),
+            (half_shoulder, tip),
+            (half_neck, 0.0),
+            (-half_neck, 0.0),
+            (-half_shoulder, tip),
+            (-half_chest, armpit),
+        ]
+    )
+    # The neckline's control makes its lowest point neck_depth below the shoulder points.
+    neckline = quadratic(4, 5, (0.5, 2.0 * neck_depth / m.neck_width), label="collar")
+    edges: tuple[Edge, ...] = (
+        quadratic(0, 1, (0.5, -0.04), label="hem"),
+        line(1, 2),
+        quadratic(2, 3, (0.42, 0.20), label="armhole"),
+        line(3, 4),
+        neckline,
+        line(5, 6),
+        quadratic(6, 7, (0.58, 0.20), label="armhole"),
+        line(7, 0),
+    )
+    turn = 180.0 if back else 0.0
+    return Panel(
+        name=name,
+        vertices=vertices,
+        edges=edges,
+        rotation=rotation_matrix(np.array([0.0, turn, 0.0])),
+        translation=np.array([0.0, top, -gap if back else gap]),
+        label="body",
+    )
+
+
+def _bodice_seams(front: str, back: str) -> list[Stitch]:
+    """Side and shoulder seams; the back's left hand is the front's right hand."""
+    pairs = ((1, 7), (7, 1), (3, 5), (5, 3))
+    return [Stitch(Side(front, i), Side(back, j)) for i, j in pairs]
+
+
+def sleeveless_dress(
+    measurements: Measurements = DEFAULT,
+    *,
+    ease: float = 0.08,
+    flare: float = 1.25,
+    length_below_knee: float = 0.0,
+    gap: float = 0.20,
+) -> Pattern:
+    """A knee-length A-line dress without sleeves: two panels, side and shoulder seams.
+
+    Args:
+        measurements: the body's.
+        ease: extra width at the chest, as a fraction of the girth.
+        flare: hem girth over hip girth.
+        length_below_knee: how far the hem lies below the knee [m]; negative for a shorter dress.
+        gap: distance of the panels' planes from z = 0 [m].
+
+    Raises:
+        InputError: a measurement or option that is not a positive number.
+    """
+    _positive(flare=flare, gap=gap, one_plus_ease=1.0 + ease)
+    hem_width = 0.5 * measurements.hips * flare
+    hem_height = measurements.knee_height - length_below_knee
+    _positive(hem_height=hem_height)
+    common = {"hem_height": hem_height, "hem_width": hem_width, "ease": ease, "gap": gap}
+    front = _bodice("front", measurements, neck_depth=0.09, back=False, **common)
+    back = _bodice("back", measurements, neck_depth=0.03, back=True, **common)
+    return Pattern(
+        panels=(front, back),
+        stitches=tuple(_bodice_seams("front", "back")),
+        source="sleeveless_dress",
+    )
+
+
+def straight_skirt(
+    measurements: Measurements = DEFAULT, *, ease: float = 0.04, gap: float = 0.20
+) -> Pattern:
+    """A straight skirt from waist to knee: two panels and two side seams curved over the hips.
+
+    Args:
+        measurements: the body's.
+        ease: extra width at waist and hips, as a fraction of the girth.
+        gap: distance of the panels' planes from z = 0 [m].
+
+    Raises:
+        InputError: an option that is not a positive number.
+    """
+    _positive(gap=gap, one_plus_ease=1.0 + ease)
+    m = measurements
+    half_waist, half_hips = 0.25 * m.waist * (1.0 + ease), 0.25 * m.hips * (1.0 + ease)
+    hips, hem = m.hips_height - m.waist_height, m.knee_height - m.waist_height
+    _positive(hip_drop=-hips, length=-hem)
+    vertices = np.array(
+        [
+            (-half_hips, hem),
+            (half_hips, hem),
+            (half_hips, hips),
+            (half_waist, 0.0),
+            (-half_waist, 0.0),
+            (-half_hips, hips),
+        ]
+    )
+    edges = (
+        line(0, 1, label="hem"),
+        line(1, 2),
+        quadratic(2, 3, (0.5, -0.06)),
+        line(3, 4, label="waist"),
+        quadratic(4, 5, (0.5, -0.06)),
+        line(5, 0),
+    )
+    panels = tuple(
+        Panel(
+            name=name,
+            vertices=vertices.copy(),
+            edges=edges,
+            rotation=rotation_matrix(np.array([0.0, turn, 0.0])),
+            translation=np.array([0.0, m.waist_height, z]),
+            label="leg",
+        )
+        for name, turn, z in (("skirt_front", 0.0, gap), ("skirt_back", 180.0, -gap))
+    )
+    pairs = ((1, 5), (2, 4), (4, 2), (5, 1))
+    stitches = tuple(Stitch(Side("skirt_front", i), Side("skirt_back", j)) for i, j in pairs)
+    return Pattern(panels=panels, stitches=stitches, source="straight_skirt")
