@@ -1,17 +1,19 @@
 """Which vertex-face and edge-edge pairs can come within a radius during a linear motion.
 
-Runs on the host. Pairs are found by traversing box trees; every pair whose distance can fall to
-`radius` at some time of the motion is returned, and nothing is ever dropped: the output buffer
-grows until all pairs fit.
+Runs on the host. Box trees give the pairs whose boxes are close; a pair is kept unless its distance
+half-way exceeds the radius by more than its parts can move towards each other. Every pair whose
+distance can fall to `radius` at some time of the motion is returned, and nothing is ever dropped:
+the output buffer grows until all pairs fit.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from dress_jax.contact.bvh import Tree, build_tree, refit, swept_boxes
 from dress_jax.core.errors import InputError
+from dress_jax.geometry.host_distance import edge_edge, point_triangle
 from dress_jax.geometry.native import compiled
 from dress_jax.geometry.topology import unique_edges
 
@@ -134,7 +136,6 @@ class BroadPhase:
     body: list[_FittedTree]
     capacity: int = 1 << 16
     body_fitted: bool = False
-    scratch: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def make_broad_phase(mesh: CollisionMesh, positions: Float[np.ndarray, "n 3"]) -> BroadPhase:
@@ -203,17 +204,26 @@ def find_candidates(
             tree.refit(start, end)
         state.body_fitted = True
     (cv, ce, cf), (bv, be, bf) = state.cloth, state.body
-    vertex_face = [_pairs(state, a, b, radius) for a, b in ((cv, cf), (cv, bf), (bv, cf))]
-    edge_edge = [_pairs(state, ce, ce, radius), _pairs(state, ce, be, radius)]
+    vertex_face = [
+        _pairs(state, a, b, start, end, radius) for a, b in ((cv, cf), (cv, bf), (bv, cf))
+    ]
+    edge_edge = [_pairs(state, ce, b, start, end, radius) for b in (ce, be)]
     return np.concatenate(vertex_face), np.concatenate(edge_edge)
 
 
-def _pairs(state: BroadPhase, a: _FittedTree, b: _FittedTree, radius: float) -> np.ndarray:
+def _pairs(
+    state: BroadPhase,
+    a: _FittedTree,
+    b: _FittedTree,
+    start: np.ndarray,
+    end: np.ndarray,
+    radius: float,
+) -> np.ndarray:
     """Sorted rows of the close pairs of two sets of primitives; a is b: each pair once."""
     if not len(a.primitives) or not len(b.primitives):
-        return np.zeros((0, a.primitives.shape[1] + b.primitives.shape[1]), np.int32)
+        return np.zeros((0, 4), np.int32)
     while True:
-        keys = state.scratch.setdefault("keys", np.empty(state.capacity, np.int64))
+        keys = np.empty(state.capacity, np.int64)
         count = _traverse(
             a.primitives,
             a.tree.order,
@@ -225,6 +235,8 @@ def _pairs(state: BroadPhase, a: _FittedTree, b: _FittedTree, radius: float) -> 
             b.tree.first,
             b.tree.last,
             state.mesh.weld_ids,
+            start,
+            end,
             radius,
             a is b,
             keys,
@@ -232,7 +244,6 @@ def _pairs(state: BroadPhase, a: _FittedTree, b: _FittedTree, radius: float) -> 
         if count <= len(keys):
             break
         state.capacity = count + count // 2
-        del state.scratch["keys"]
     keys = np.sort(keys[:count])
     return np.concatenate([a.primitives[keys >> 32], b.primitives[keys & 0xFFFFFFFF]], axis=1)
 
@@ -249,15 +260,20 @@ def _traverse(
     first,
     last,
     weld_ids,
+    start,
+    end,
     radius,
     same,
     keys,
 ):
-    """Count pairs of boxes within `radius`; their keys (row a << 32 | row b) go to `keys` while
-    there is room. `same`: both sets are one, and each pair is reported with the smaller row first.
+    """Count pairs within `radius`; their keys (row a << 32 | row b) go to `keys` while they fit.
+
+    `same`: both sets are one, and each pair is reported with the smaller row first.
     """
     inner = first.shape[0] // 2
     stack = np.empty(64, np.int32)
+    corners = np.empty(4, np.int32)
+    # Rounding must not lose a pair at the very radius.
     squared = radius * radius * (1.0 + 1e-12)
     count = 0
     for i in range(order_a.shape[0]):
@@ -291,12 +307,17 @@ def _traverse(
                 if gap0 * gap0 + gap1 * gap1 + gap2 * gap2 > squared:
                     continue
                 row_b = order_b[j]
+                sides = primitives_a.shape[1]
                 welded = False
-                for p in range(primitives_a.shape[1]):
+                for p in range(sides):
+                    corners[p] = primitives_a[row_a, p]
                     for q in range(primitives_b.shape[1]):
-                        if weld_ids[primitives_a[row_a, p]] == weld_ids[primitives_b[row_b, q]]:
+                        corners[sides + q] = primitives_b[row_b, q]
+                        if weld_ids[corners[p]] == weld_ids[corners[sides + q]]:
                             welded = True
-                if welded:
+                if welded or _stays_apart(
+                    start, end, corners[0], corners[1], corners[2], corners[3], sides == 1, radius
+                ):
                     continue
                 if count < keys.shape[0]:
                     low, high = np.int64(row_a), np.int64(row_b)
@@ -305,3 +326,48 @@ def _traverse(
                     keys[count] = (low << 32) | high
                 count += 1
     return count
+
+
+@compiled
+def _half_way(start, end, i):
+    """Position of vertex i half-way; a tuple, because views of arrays cost reference counts."""
+    return (
+        0.5 * (start[i, 0] + end[i, 0]),
+        0.5 * (start[i, 1] + end[i, 1]),
+        0.5 * (start[i, 2] + end[i, 2]),
+    )
+
+
+@compiled
+def _motion(start, end, i, mean):
+    """Length of the displacement of vertex i less a mean displacement."""
+    x = end[i, 0] - start[i, 0] - mean[0]
+    y = end[i, 1] - start[i, 1] - mean[1]
+    z = end[i, 2] - start[i, 2] - mean[2]
+    return (x * x + y * y + z * z) ** 0.5
+
+
+@compiled
+def _stays_apart(start, end, i, j, k, m, is_vertex_face, radius):
+    """Whether the distance half-way exceeds the radius by more than half of the relative motion."""
+    a, b = _half_way(start, end, i), _half_way(start, end, j)
+    c, d = _half_way(start, end, k), _half_way(start, end, m)
+    # Displacement = 2 (half-way - start).
+    mean = (
+        0.5 * (a[0] + b[0] + c[0] + d[0] - start[i, 0] - start[j, 0] - start[k, 0] - start[m, 0]),
+        0.5 * (a[1] + b[1] + c[1] + d[1] - start[i, 1] - start[j, 1] - start[k, 1] - start[m, 1]),
+        0.5 * (a[2] + b[2] + c[2] + d[2] - start[i, 2] - start[j, 2] - start[k, 2] - start[m, 2]),
+    )
+    first, second = _motion(start, end, i, mean), _motion(start, end, j, mean)
+    third, fourth = _motion(start, end, k, mean), _motion(start, end, m, mean)
+    if is_vertex_face:
+        squared = point_triangle(a, b, c, d)
+        speed = first + max(second, third, fourth)
+    else:
+        squared = edge_edge(a, b, c, d)
+        speed = max(first, second) + max(third, fourth)
+    # The slack covers rounding of the distance, also of slivers.
+    size = abs(b[0] - d[0]) + abs(b[1] - d[1]) + abs(b[2] - d[2])
+    size += abs(c[0] - d[0]) + abs(c[1] - d[1]) + abs(c[2] - d[2])
+    reach = radius + 0.5 * speed + 1e-7 * size
+    return squared > reach * reach

@@ -52,8 +52,8 @@ def step_bound(
     """The largest step along `displacement` that is known to keep all candidates apart.
 
     For every step up to the bound each candidate keeps a distance of more than `min_distance` plus
-    a fraction (about a tenth) of its initial gap. Lanes that are not finished at the iteration
-    limit bound the step by the time they have proven safe.
+    a fraction (at least a hundredth) of its initial gap. Lanes that are not finished at the
+    iteration limit bound the step by the time they have proven safe.
 
     Args:
         start: positions [m], shape (n, 3).
@@ -198,8 +198,9 @@ def _accd(
         best = jnp.minimum(best, jnp.min(jnp.where(hit, reached(kept, time), 1.0)))
         active = active & ~hit
         kept = jnp.where(active, time, kept)
-        active = active & (time < best)
-        time = jnp.where(active, time + pace * gap, time)
+        following = time + pace * gap
+        active = active & (following < best)
+        time = jnp.where(active, following, time)
         moved = tuple(add(point, scale(time, motion)) for point, motion in zip(x, p, strict=True))
         return kept, time, jnp.sqrt(squared(moved)) - xi, active, best, iteration + 1
 
