@@ -21,7 +21,7 @@ from jaxtyping import Array, Float, Int
 from dress_jax.core.pytree import pytree
 from dress_jax.render.cameras import Camera
 from dress_jax.render.compaction import CHUNK, compact
-from dress_jax.render.silhouettes import STEP_LIMIT, Silhouettes, _end, find_silhouettes
+from dress_jax.render.silhouettes import STEP_LIMIT, Silhouettes, find_silhouettes, next_half_edge
 from dress_jax.render.visibility import Screen, pixel_coordinates, rasterize, to_screen
 
 Fragment = Callable[[Float[Array, "q c"], Float[Array, "q"]], Float[Array, "q d"]]
@@ -184,7 +184,7 @@ def _pair_chunk(silhouettes: Silhouettes, faces, start, width, pixels):
     center = jnp.where(vertical, row, column).astype(jnp.float32)
     corner = faces.reshape(-1)
     geometry = (line, center, jnp.where(swapped, -1.0, 1.0), vertical)
-    return live, near, far, corner[edge], corner[_end(edge)], geometry
+    return live, near, far, corner[edge], corner[next_half_edge(edge)], geometry
 
 
 def _blend_terms(xy, silhouettes, faces, start, width, pixels):

@@ -130,10 +130,10 @@ def perspective_camera(
             orthonormal.
     """
     width = height if width is None else width
-    focal = np.broadcast_to(np.asarray(focal, dtype=float), (2,))
-    _positive("perspective_camera", focal=focal.min(), height=height, width=width, near=near)
+    scale = np.broadcast_to(np.asarray(focal, dtype=float), (2,))
+    _positive("perspective_camera", focal=scale.min(), height=height, width=width, near=near)
     return _camera(
-        rotation, position, focal, principal, near, CameraKind.PERSPECTIVE, height, width
+        rotation, position, scale, principal, near, CameraKind.PERSPECTIVE, height, width
     )
 
 

@@ -25,3 +25,18 @@ def compact(flags: Bool[Array, "p"]) -> tuple[Int[Array, "q"], Int[Array, ""]]:
     slot = jnp.where(flags, rank - 1, room)
     index = jnp.arange(size, dtype=jnp.int32)
     return jnp.zeros(room, jnp.int32).at[slot].set(index, mode="drop"), rank[-1]
+
+
+def append(
+    lists: tuple[Int[Array, "q"], ...],
+    count: Int[Array, ""],
+    entries: tuple[Int[Array, "k"], ...],
+    flags: Bool[Array, "k"],
+) -> tuple[tuple[Int[Array, "q"], ...], Int[Array, ""]]:
+    """Put the flagged entries behind the first `count` of some lists; the lists have room."""
+    rank = jnp.cumsum(flags.astype(jnp.int32))
+    slot = jnp.where(flags, count + rank - 1, lists[0].shape[0])
+    grown = tuple(
+        full.at[slot].set(entry, mode="drop") for full, entry in zip(lists, entries, strict=True)
+    )
+    return grown, count + rank[-1]

@@ -16,15 +16,18 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from dress_jax.core.pytree import pytree
-from dress_jax.render.compaction import CHUNK, compact, padded_size
+from dress_jax.render.compaction import CHUNK, append, compact, padded_size
 
 QUICK_STEPS = 2
 """Steps that every pair takes; most have met the other centre or a silhouette by then."""
 
+TAIL_CHUNK = 1 << 10
+"""Pairs that walk on together after that: few are left, and the longest walk holds up its chunk."""
+
 STEP_LIMIT = 256
 """Triangles that a walk may cross within one pixel."""
 
-_RUNNING, _NONE, _FOUND = 0, 1, 2
+_RUNNING, _NONE, _FOUND, _HIDDEN = 0, 1, 2, 3
 
 
 @pytree
@@ -57,13 +60,19 @@ class _Mesh(NamedTuple):
 
 
 class _Walk(NamedTuple):
+    """Walks under way: the half-edge through which each leaves the triangle it is in, where its
+    line crosses that edge, and how it stands."""
+
     edge: Int[Array, "q"]
-    """Half-edge through which the walk leaves the triangle it is in."""
     along: Float[Array, "q"]
-    """Where the line crosses that edge."""
-    swapped: Int[Array, "q"]
-    tries: Int[Array, "q"]
     status: Int[Array, "q"]
+
+
+class _Pairs(NamedTuple):
+    """Pairs to walk, as 4 pair + 2 swapped + 1 if the other surface was tried before."""
+
+    code: Int[Array, "q"]
+    count: Int[Array, ""]
 
 
 def find_silhouettes(
@@ -97,50 +106,57 @@ def find_silhouettes(
     mesh = _Mesh(
         jnp.concatenate([x, y]), beyond, faces.reshape(-1), adjacency.reshape(-1), x.shape[0]
     )
-    column = jnp.arange(pixels, dtype=jnp.int32) % width
-    beside = (jnp.roll(ids, -1) != ids) & (column < width - 1)
-    below = (jnp.roll(ids, -width) != ids) & (jnp.arange(pixels) < pixels - width)
-    candidates, count = compact(jnp.concatenate([beside, below]))
     room = padded_size(2 * pixels)
-    empty = Silhouettes(
-        jnp.zeros(room, jnp.int32),
-        jnp.zeros(room, jnp.int32),
-        jnp.zeros((), jnp.int32),
-        jnp.zeros((), jnp.int32),
-    )
+    zero = jnp.zeros((), jnp.int32)
+    found = Silhouettes(jnp.zeros(room, jnp.int32), jnp.zeros(room, jnp.int32), zero, zero)
     if faces.shape[0] == 0:
-        return empty
+        return found
 
-    def sweep(pairs, count, steps, found):
-        """Walk all pairs; append what is found, and list the pairs that are still under way."""
+    def sweep(pairs: _Pairs, found: Silhouettes, steps: int, chunk: int, *, last: bool):
+        """Walk all pairs. Append the silhouettes; list the pairs whose other surface is to be tried
+        and, unless this sweep is their last, those still under way."""
 
         def body(state):
-            start, found, open_pairs, open_count = state
-            chunk = jax.lax.dynamic_slice(pairs, (start,), (CHUNK,))
-            live = start + jnp.arange(CHUNK, dtype=jnp.int32) < count
-            walk = _walk(mesh, ids, keys, width, chunk, live, steps)
-            hit = (walk.status == _FOUND) & _owned(mesh, walk.edge, chunk >= pixels)
-            rank = jnp.cumsum(hit.astype(jnp.int32))
-            slot = jnp.where(hit, found.count + rank - 1, room)
-            found = Silhouettes(
-                found.pair.at[slot].set(2 * chunk + walk.swapped, mode="drop"),
-                found.edge.at[slot].set(walk.edge, mode="drop"),
-                found.count + rank[-1],
-                found.unfinished,
+            start, found, todo = state
+            code = jax.lax.dynamic_slice(pairs.code, (start,), (chunk,))
+            live = start + jnp.arange(chunk, dtype=jnp.int32) < pairs.count
+            walk = _walk(mesh, ids, width, code, live, steps)
+            running, hidden = walk.status == _RUNNING, walk.status == _HIDDEN
+            hit = (walk.status == _FOUND) & _owned(mesh, walk.edge, code // 4 >= pixels)
+            (pair, edge), count = append(
+                (found.pair, found.edge), found.count, (code // 2, walk.edge), hit
             )
-            running = walk.status == _RUNNING
-            rank = jnp.cumsum(running.astype(jnp.int32))
-            slot = jnp.where(running, open_count + rank - 1, room)
-            open_pairs = open_pairs.at[slot].set(chunk, mode="drop")
-            return start + CHUNK, found, open_pairs, open_count + rank[-1]
+            unfinished = found.unfinished
+            if last:
+                unfinished = unfinished + jnp.sum(running, dtype=jnp.int32)
+            # The other surface: swapped turns round, and the last bit says that this is done.
+            again = jnp.where(hidden, (code ^ 2) | 1, code)
+            (todo_code,), todo_count = append(
+                (todo.code,), todo.count, (again,), hidden if last else hidden | running
+            )
+            found = Silhouettes(pair, edge, count, unfinished)
+            return start + chunk, found, _Pairs(todo_code, todo_count)
 
-        zero = jnp.zeros((), jnp.int32)
-        state = (zero, found, jnp.zeros(room, jnp.int32), zero)
-        return jax.lax.while_loop(lambda s: s[0] < count, body, state)[1:]
+        state = (zero, found, _Pairs(jnp.zeros(room, jnp.int32), zero))
+        return jax.lax.while_loop(lambda s: s[0] < pairs.count, body, state)[1:]
 
-    found, open_pairs, open_count = sweep(candidates, count, min(QUICK_STEPS, step_limit), empty)
-    found, _, unfinished = sweep(open_pairs, open_count, step_limit, found)
-    return Silhouettes(found.pair, found.edge, found.count, unfinished)
+    todo = _candidates(ids, keys, width)
+    found, todo = sweep(todo, found, min(QUICK_STEPS, step_limit), CHUNK, last=False)
+    found, todo = sweep(todo, found, step_limit, TAIL_CHUNK, last=True)
+    found, _ = sweep(todo, found, step_limit, TAIL_CHUNK, last=True)
+    return found
+
+
+def _candidates(ids, keys, width) -> _Pairs:
+    """Pairs that see different faces; each starts at the centre that sees the nearer one."""
+    pixels = ids.shape[0]
+    index = jnp.arange(pixels, dtype=jnp.int32)
+    beside = (jnp.roll(ids, -1) != ids) & (index % width < width - 1)
+    below = (jnp.roll(ids, -width) != ids) & (index < pixels - width)
+    pair, count = compact(jnp.concatenate([beside, below]))
+    first = jnp.where(pair >= pixels, pair - pixels, pair)
+    second = jnp.minimum(first + jnp.where(pair >= pixels, width, 1), pixels - 1)
+    return _Pairs(4 * pair + 2 * (keys[second] < keys[first]), count)
 
 
 def _line(mesh: _Mesh, vertical, vertex):
@@ -149,14 +165,14 @@ def _line(mesh: _Mesh, vertical, vertex):
     return mesh.xy[vertex + along], mesh.xy[vertex + mesh.vertices - along]
 
 
-def _end(half_edge):
-    """The half-edge after this one in its face; it starts at this one's end."""
+def next_half_edge(half_edge: Int[Array, "q"]) -> Int[Array, "q"]:
+    """The half-edge after this one in its face; it starts where this one ends."""
     return jnp.where(half_edge % 3 == 2, half_edge - 2, half_edge + 1)
 
 
 def _owned(mesh: _Mesh, edge, vertical) -> Bool[Array, "q"]:
     s0, v0 = _line(mesh, vertical, mesh.corner[edge])
-    s1, v1 = _line(mesh, vertical, mesh.corner[_end(edge)])
+    s1, v1 = _line(mesh, vertical, mesh.corner[next_half_edge(edge)])
     across, along = jnp.abs(v1 - v0), jnp.abs(s1 - s0)
     return (across > along) | ((across == along) & ~vertical)
 
@@ -166,85 +182,65 @@ def _cross(s0, v0, s1, v1, line):
     return s0 + (line - v0) / jnp.where(step == 0, 1.0, step) * (s1 - s0)
 
 
-def _walk(mesh: _Mesh, ids, keys, width, pair, live, steps) -> _Walk:
+def _walk(mesh: _Mesh, ids, width, code, live, steps: int) -> _Walk:
+    """Start in the triangle that the near centre sees; walk towards the far centre."""
     pixels = ids.shape[0]
+    pair, swapped, tried = code // 4, (code & 2) == 2, (code & 1) == 1
     vertical = pair >= pixels
     first = jnp.where(vertical, pair - pixels, pair)
     second = jnp.where(live, first + jnp.where(vertical, width, 1), 0)
     column, row = first % width, first // width
     line = jnp.where(vertical, column, row).astype(jnp.float32)
-    at_first = jnp.where(vertical, row, column).astype(jnp.float32)
-    swapped = (keys[second] < keys[first]).astype(jnp.int32)
+    forward = jnp.where(swapped, -1.0, 1.0)
+    # Coordinates along the line are taken along the walk, so that they grow with it.
+    target = forward * (jnp.where(vertical, row, column) + jnp.where(swapped, 0, 1))
+    near = ids[jnp.where(swapped, second, first)]
+    far = ids[jnp.where(swapped, first, second)]
 
-    def enter(swapped):
-        """Start in the triangle that the near centre sees; leave it towards the far centre."""
-        face = ids[jnp.where(swapped == 1, second, first)]
-        base = 3 * jnp.maximum(face, 0)
-        forward = jnp.where(swapped == 1, -1.0, 1.0)
-        s, v, seen = [], [], True
-        for k in range(3):
-            vertex = mesh.corner[base + k]
-            sk, vk = _line(mesh, vertical, vertex)
-            s.append(sk)
-            v.append(vk)
-            seen = seen & mesh.beyond[vertex]
-        best, edge, crosses = jnp.full_like(line, -jnp.inf), base, False
-        for k in range(3):
-            m = (k + 1) % 3
-            straddles = (v[k] >= line) != (v[m] >= line)
-            reach = forward * _cross(s[k], v[k], s[m], v[m], line)
-            better = straddles & (reach > best)
-            best, edge = jnp.where(better, reach, best), jnp.where(better, base + k, edge)
-            crosses = crosses | straddles
-        ok = (face >= 0) & seen & crosses
-        return edge, jnp.where(ok, forward * best, 0.0), ok
-
-    edge, along, ok = enter(swapped)
-    walk = _Walk(
-        edge, along, swapped, jnp.zeros_like(swapped), jnp.where(live & ok, _RUNNING, _NONE)
-    )
+    base = 3 * jnp.maximum(near, 0)
+    corner = [mesh.corner[base + k] for k in range(3)]
+    s, v = zip(*(_line(mesh, vertical, c) for c in corner), strict=True)
+    best, edge = jnp.full_like(line, -jnp.inf), base
+    for k in range(3):
+        m = (k + 1) % 3
+        reach = forward * _cross(s[k], v[k], s[m], v[m], line)
+        better = ((v[k] >= line) != (v[m] >= line)) & (reach > best)
+        best, edge = jnp.where(better, reach, best), jnp.where(better, base + k, edge)
+    seen = mesh.beyond[corner[0]] & mesh.beyond[corner[1]] & mesh.beyond[corner[2]]
+    ok = live & (near >= 0) & seen & (best > -jnp.inf)
+    walk = _Walk(edge, best, jnp.where(ok, _RUNNING, _NONE))
 
     def step(walk: _Walk) -> _Walk:
-        forward = jnp.where(walk.swapped == 1, -1.0, 1.0)
-        target = at_first + jnp.where(walk.swapped == 1, 0.0, 1.0)
-        far = ids[jnp.where(walk.swapped == 1, first, second)]
-        arrived = forward * walk.along >= forward * target
+        arrived = walk.along >= target
         # The surface goes on under the far centre, where something else is seen: that other surface
         # ends on the way here, even though it is deeper at its own centre.
-        hidden = arrived & (far >= 0) & (walk.edge // 3 != far) & (walk.tries == 0)
+        hidden = arrived & (far >= 0) & (walk.edge // 3 != far) & ~tried
         twin = mesh.twin[walk.edge]
         across = jnp.maximum(twin, 0)
-        after = _end(across)
-        last = _end(after)
-        start, end, apex = mesh.corner[across], mesh.corner[after], mesh.corner[last]
-        (s0, v0), (s1, v1), (s2, v2) = (_line(mesh, vertical, i) for i in (start, end, apex))
+        after = next_half_edge(across)
+        before = next_half_edge(after)
+        apex = mesh.corner[before]
+        s0, v0 = _line(mesh, vertical, mesh.corner[across])
+        s1, v1 = _line(mesh, vertical, mesh.corner[after])
+        s2, v2 = _line(mesh, vertical, apex)
         up0, up1, up2 = v0 >= line, v1 >= line, v2 >= line
-        # Which side of the edge the next triangle's apex lies on, the edge taken upwards.
-        turn = ((s1 - s0) * (v2 - v0) - (v1 - v0) * (s2 - s0)) * jnp.where(up1, 1.0, -1.0)
-        ends = (twin < 0) | (turn * forward > 0) | (up0 == up1)
-        leave_after = up1 != up2
-        edge = jnp.where(leave_after, after, last)
-        along = jnp.where(leave_after, _cross(s1, v1, s2, v2, line), _cross(s2, v2, s0, v0, line))
-        cut = ~mesh.beyond[apex] & (twin >= 0)
-        status = jnp.where(arrived, _NONE, jnp.where(ends, _FOUND, jnp.where(cut, _NONE, _RUNNING)))
-        again_edge, again_along, again_ok = enter(1 - walk.swapped)
-        moved = _Walk(
-            jnp.where(status == _RUNNING, edge, walk.edge),
-            jnp.where(status == _RUNNING, along, walk.along),
-            walk.swapped,
-            walk.tries,
-            status,
-        )
-        again = _Walk(
-            again_edge,
-            again_along,
-            1 - walk.swapped,
-            walk.tries + 1,
-            jnp.where(again_ok, _RUNNING, _NONE),
-        )
+        # On which side of the edge, taken upwards, the next triangle's apex lies.
+        side = ((s1 - s0) * (v2 - v0) - (v1 - v0) * (s2 - s0)) * jnp.where(up1, forward, -forward)
+        # An edge that the line does not cross on its other side is an open seam.
+        ends = (twin < 0) | (side > 0) | (up0 == up1)
+        through_after = up1 != up2
+        edge = jnp.where(through_after, after, before)
+        sa, va = jnp.where(through_after, s1, s0), jnp.where(through_after, v1, v0)
+        along = forward * _cross(sa, va, s2, v2, line)
+        status = jnp.where(ends, _FOUND, jnp.where(mesh.beyond[apex], _RUNNING, _NONE))
+        status = jnp.where(arrived, jnp.where(hidden, _HIDDEN, _NONE), status)
         running = walk.status == _RUNNING
-        chosen = jax.tree.map(lambda a, b: jnp.where(hidden, a, b), again, moved)
-        return jax.tree.map(lambda a, b: jnp.where(running, a, b), chosen, walk)
+        moves = running & (status == _RUNNING)
+        return _Walk(
+            jnp.where(moves, edge, walk.edge),
+            jnp.where(moves, along, walk.along),
+            jnp.where(running, status, walk.status),
+        )
 
     def more(state):
         i, walk = state

@@ -224,9 +224,7 @@ def _draw_tiles(camera: Camera, t: _Triangles, buffers):
     def body(state):
         start, buffers = state
         item = start + jnp.arange(TILE_CHUNK, dtype=ends.dtype)
-        owner = jnp.minimum(
-            jnp.searchsorted(ends, item, side="right", method="scan_unrolled"), ends.shape[0] - 1
-        )
+        owner = jnp.minimum(jnp.searchsorted(ends, item, side="right"), ends.shape[0] - 1)
         local = item - (ends[owner] - tiles[owner])
         one = jax.tree.map(lambda a: a[..., owner], t)
         safe = jnp.maximum(across[owner], 1)
