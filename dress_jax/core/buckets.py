@@ -6,12 +6,12 @@ import numpy as np
 def bucket_size(count: int, *, smallest: int = 256) -> int:
     """The smallest allowed capacity that holds `count` entries.
 
-    Capacities grow by factors of 1.5 and 4/3 in turn (256, 384, 512, 768, ...): at most half of
-    a buffer is padding, and a garment meets only a handful of them.
+    Capacities double from `smallest`: padded lanes cost little next to a compilation, and a garment
+    meets only a handful of sizes.
     """
     size = smallest
     while size < count:
-        size = size * 3 // 2 if size & (size - 1) == 0 else size * 4 // 3
+        size *= 2
     return size
 
 

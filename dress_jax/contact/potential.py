@@ -1,0 +1,154 @@
+"""The contact potential: barrier over pairs, weighted by area (S1.9, S1.13).
+
+Every pair contributes k w m dhat b(d): k is a pressure [Pa], w an area of the rest shape, so the
+potential converges under refinement and carries a derivative through the areas (S9.7). Cloth and
+body share one vertex numbering: cloth first, then body.
+"""
+
+import enum
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from dress_jax.contact.barrier import ContactSettings, barrier, barrier_derivatives
+from dress_jax.contact.candidates import gather, mask
+from dress_jax.geometry.distance import (
+    edge_edge_closest,
+    edge_edge_squared,
+    vertex_face_closest,
+    vertex_face_squared,
+)
+
+# Pairs of stencil vertices (p, q), p <= q, in the order of the blocks.
+CONTACT_PAIRS = tuple((p, q) for p in range(4) for q in range(p, 4))
+# Squared sine below which two edges count as nearly parallel. C-IPC's mollifier compares
+# |ea x eb|^2 with 1e-3 |ea|^2 |eb|^2 of the rest lengths; taken with the current lengths it is an
+# angle, and no rest length of body edges is needed.
+_PARALLEL_SINE_SQUARED = 1e-3
+
+
+class PairKind(enum.Enum):
+    """The two families of primitive pairs."""
+
+    VERTEX_FACE = "vertex-face"
+    EDGE_EDGE = "edge-edge"
+
+
+def mollifier(points: Float[Array, "4 3 m"]) -> Float[Array, " m"]:
+    """Fades an edge-edge pair out as its edges become parallel, where its distance has a kink."""
+    first = [points[1, k] - points[0, k] for k in range(3)]
+    second = [points[3, k] - points[2, k] for k in range(3)]
+    normal = [
+        first[1] * second[2] - first[2] * second[1],
+        first[2] * second[0] - first[0] * second[2],
+        first[0] * second[1] - first[1] * second[0],
+    ]
+    cross = normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2
+    lengths = (first[0] ** 2 + first[1] ** 2 + first[2] ** 2) * (
+        second[0] ** 2 + second[1] ** 2 + second[2] ** 2
+    )
+    ratio = cross / (_PARALLEL_SINE_SQUARED * lengths)
+    return jnp.where(ratio < 1.0, (2.0 - ratio) * ratio, 1.0)
+
+
+def squared_distances(points: Float[Array, "4 3 m"], kind: PairKind) -> Float[Array, " m"]:
+    """Squared distances of the pairs [m^2]."""
+    if kind is PairKind.VERTEX_FACE:
+        return vertex_face_squared(points)
+    return edge_edge_squared(points)
+
+
+def pair_areas(areas: Float[Array, " n"], indices: Int[Array, "4 m"], kind: PairKind) -> Array:
+    """The area that each pair stands for [m^2]: of its vertex, or the mean over its two edges.
+
+    Two facing sheets are seen from both sides and by both families, hence the factors.
+    """
+    if kind is PairKind.VERTEX_FACE:
+        return 0.5 * areas[indices[0]]
+    return 0.125 * (areas[indices[0]] + areas[indices[1]] + areas[indices[2]] + areas[indices[3]])
+
+
+def contact_energy(
+    positions: Float[Array, "n 3"],
+    areas: Float[Array, " n"],
+    indices: Int[Array, "4 m"],
+    count: Int[Array, ""],
+    barrier_stiffness: Float[Array, ""],
+    settings: ContactSettings,
+    *,
+    kind: PairKind,
+) -> Float[Array, ""]:
+    """Energy of one family of pairs [J]; pairs beyond dhat contribute zero.
+
+    Args:
+        positions: cloth and body vertices [m].
+        areas: vertex areas of cloth and body [m^2].
+        indices: stencil vertices of the pairs, padded.
+        count: number of true pairs.
+    """
+    points, used = gather(positions, indices, count), mask(indices, count)
+    value = barrier(squared_distances(points, kind), settings)
+    if kind is PairKind.EDGE_EDGE:
+        value = mollifier(points) * value
+    weights = jnp.where(used, pair_areas(areas, indices, kind), 0.0)
+    return barrier_stiffness * settings.dhat * jnp.sum(jnp.where(used, weights * value, 0.0))
+
+
+class ContactBlocks(NamedTuple):
+    """Rank-one Hessian of the pairs: block (p, q) is stiffness w_p w_q n n^T."""
+
+    weights: Float[Array, "4 m"]
+    normal: tuple[Array, Array, Array]
+    stiffness: Float[Array, " m"]
+
+
+def contact_blocks(
+    positions: Float[Array, "n 3"],
+    areas: Float[Array, " n"],
+    indices: Int[Array, "4 m"],
+    count: Int[Array, ""],
+    barrier_stiffness: Float[Array, ""],
+    settings: ContactSettings,
+    *,
+    kind: PairKind,
+) -> ContactBlocks:
+    """The positive-semidefinite part that Newton uses: second derivative along the distance.
+
+    The other part of the Hessian is the repulsive force times the curvature of the distance; where
+    the distance is to a vertex or to an edge it is negative semidefinite, so leaving it out is
+    the projection, and it costs no eigendecomposition.
+    """
+    points, used = gather(positions, indices, count), mask(indices, count)
+    if kind is PairKind.VERTEX_FACE:
+        weights, squared = vertex_face_closest(points)
+    else:
+        weights, squared = edge_edge_closest(points)
+    derivatives = barrier_derivatives(squared, settings)
+    along = 2.0 * derivatives.first + 4.0 * squared * derivatives.second
+    scale = barrier_stiffness * settings.dhat * pair_areas(areas, indices, kind)
+    if kind is PairKind.EDGE_EDGE:
+        scale = scale * mollifier(points)
+    stiffness = jnp.where(used, scale * jnp.maximum(along, 0.0), 0.0)
+    length = jnp.sqrt(jnp.where(used, squared, 1.0))
+    normal = tuple(
+        sum(weights[p] * points[p, k] for p in range(1, 4)) / length
+        + weights[0] * points[0, k] / length
+        for k in range(3)
+    )
+    return ContactBlocks(weights, normal, stiffness)
+
+
+def active_pairs(
+    positions: Float[Array, "n 3"],
+    indices: Int[Array, "4 m"],
+    count: Int[Array, ""],
+    settings: ContactSettings,
+    *,
+    kind: PairKind,
+) -> tuple[Bool[Array, " m"], Float[Array, ""]]:
+    """Which pairs are closer than dhat, and the smallest squared distance of all [m^2]."""
+    points, used = gather(positions, indices, count), mask(indices, count)
+    squared = jnp.where(used, squared_distances(points, kind), jnp.inf)
+    reach = (settings.dhat + settings.thickness) ** 2
+    return squared < reach, jnp.min(squared, initial=jnp.inf)

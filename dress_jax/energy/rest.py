@@ -1,0 +1,83 @@
+"""What the energies need of the rest shape, differentiable in it (S9.7, S21.4)."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from dress_jax.core import components as c
+from dress_jax.core.pytree import pytree
+
+
+@pytree
+class RestTriangles:
+    """Rest shape of the triangles, in component form.
+
+    Attributes:
+        inverse: entries (00, 01, 10, 11) of the inverse rest edge matrix [1/m], each (f,).
+        areas: rest areas [m^2], (f,).
+    """
+
+    inverse: tuple[Array, Array, Array, Array]
+    areas: Float[Array, " f"]
+
+
+def rest_triangles(
+    rest_positions: Float[Array, "p 2"], rest_faces: Int[Array, "3 f"]
+) -> RestTriangles:
+    """Inverse edge matrices and areas of the rest triangles.
+
+    Args:
+        rest_positions: panel coordinates [m].
+        rest_faces: corners of each triangle, counter-clockwise in panel coordinates or clockwise
+            throughout a panel; areas are unsigned, so mirrored panels are allowed.
+    """
+    columns = c.split(rest_positions)
+    corners = [c.gather(columns, rest_faces[k]) for k in range(3)]
+    first = c.subtract(corners[1], corners[0])
+    second = c.subtract(corners[2], corners[0])
+    determinant = first[0] * second[1] - first[1] * second[0]
+    inverse = (
+        second[1] / determinant,
+        -second[0] / determinant,
+        -first[1] / determinant,
+        first[0] / determinant,
+    )
+    return RestTriangles(inverse=inverse, areas=0.5 * jnp.abs(determinant))
+
+
+def vertex_areas(
+    areas: Float[Array, " f"], faces: Int[Array, "3 f"], vertex_count: int
+) -> Float[Array, " n"]:
+    """A third of the area of the triangles around each vertex [m^2]."""
+    third = areas / 3.0
+    total = jnp.zeros(vertex_count, areas.dtype)
+    for k in range(3):
+        total = total.at[faces[k]].add(third)
+    return total
+
+
+def hinge_weights(
+    rest_positions: Float[Array, "p 2"],
+    rest_faces: Int[Array, "3 f"],
+    areas: Float[Array, " f"],
+    hinge_faces: Int[Array, "2 h"],
+    hinge_corners: Int[Array, "2 h"],
+) -> Float[Array, " h"]:
+    """The dimensionless weight e/h = 3 e^2 / (A1 + A2) of each hinge.
+
+    The shared edge may have two rest lengths where a seam joins panels of different length (a
+    gather); their mean is used.
+
+    Args:
+        hinge_faces: the two triangles of each hinge.
+        hinge_corners: the corner (0, 1, 2) opposite the shared edge in each of them.
+    """
+    columns = c.split(rest_positions)
+    lengths = []
+    for side in range(2):
+        face, corner = hinge_faces[side], hinge_corners[side]
+        start = c.gather(columns, rest_faces[(corner + 1) % 3, face])
+        end = c.gather(columns, rest_faces[(corner + 2) % 3, face])
+        edge = c.subtract(end, start)
+        lengths.append(jnp.sqrt(c.dot(edge, edge)))
+    length = 0.5 * (lengths[0] + lengths[1])
+    return 3.0 * length**2 / (areas[hinge_faces[0]] + areas[hinge_faces[1]])

@@ -1,0 +1,276 @@
+"""One implicit step as a differentiable layer (S2.1-S2.11).
+
+Forward: Newton's method on the incremental potential. Backward: one linear solve with the exact
+Hessian at the solution, by conjugate gradients preconditioned with the factorization that the
+forward solve kept, and one product with the mixed derivative, by autodiff of the gradient.
+Memory does not depend on the number of Newton iterations.
+"""
+
+import functools
+import warnings
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from dress_jax.contact.potential import PairKind
+from dress_jax.core.errors import InputError
+from dress_jax.core.precision import require_float64
+from dress_jax.core.pytree import pytree
+from dress_jax.core.results import Result
+from dress_jax.energy.cloth import Cloth, Parameters
+from dress_jax.energy.elastic import TimeStep
+from dress_jax.geometry.intersection import count_intersections
+from dress_jax.sim.kernels import Frame, Pairs, total_energy
+from dress_jax.sim.objective import StepObjective
+from dress_jax.sim.simulator import Simulator
+from dress_jax.solver.conjugate_gradient import conjugate_gradient
+from dress_jax.solver.newton import hessian_operator, minimize
+
+_ADJOINT_TOLERANCE = 1e-10
+_ADJOINT_LIMIT = 300
+
+
+@pytree
+class Report:
+    """How a solve went; carries no derivative.
+
+    Attributes:
+        result: a `core.results.Result`.
+        iterations: Newton steps.
+        step_size: longest vertex displacement of the last Newton step [m].
+        residual: largest force on a vertex [N].
+        energy: [J].
+        smallest_distance: of all pairs within reach [m].
+        self_intersections, body_intersections: by the exact test.
+    """
+
+    result: Int[Array, ""]
+    iterations: Int[Array, ""]
+    step_size: Float[Array, ""]
+    residual: Float[Array, ""]
+    energy: Float[Array, ""]
+    smallest_distance: Float[Array, ""]
+    self_intersections: Int[Array, ""]
+    body_intersections: Int[Array, ""]
+
+    @property
+    def converged(self) -> bool:
+        """Whether the stopping rule was met."""
+        return int(self.result) == Result.CONVERGED
+
+    @property
+    def intersection_free(self) -> bool:
+        """Whether the exact test found no intersection."""
+        return int(self.self_intersections) == 0 and int(self.body_intersections) == 0
+
+
+class AdjointWarning(UserWarning):
+    """A backward solve failed; the gradient is NaN."""
+
+
+class _Kept:
+    """A host object that rides along in the residuals of a custom derivative."""
+
+    def __init__(self, value: object):
+        self.value = value
+
+
+jax.tree_util.register_pytree_node(_Kept, lambda kept: ((), kept), lambda kept, _: kept)
+
+
+def check_concrete(caller: str, *trees: object) -> None:
+    """Raise where an argument is traced: the Newton loop runs on the host."""
+    for leaf in jax.tree.leaves(trees):
+        if isinstance(leaf, jax.core.Tracer):
+            raise TypeError(
+                f"{caller} runs its Newton loop on the host and cannot be traced by jit or vmap; "
+                "call it outside of jit (jax.grad and jax.vjp work), and jit what comes before "
+                "and after it"
+            )
+
+
+@functools.partial(jax.custom_vjp, nondiff_argnums=(0,))
+def advance(
+    simulator: Simulator,
+    start: Float[Array, "n 3"],
+    velocity: Float[Array, "n 3"],
+    parameters: Parameters,
+    body_start: Float[Array, "b 3"],
+    inverse_step: Float[Array, ""],
+) -> tuple[Float[Array, "n 3"], Report]:
+    """Positions at the end of one implicit step, and how the solve went.
+
+    Args:
+        simulator: host object.
+        start: x^n [m], intersection-free with the body at `parameters.body_vertices`.
+        velocity: v^n [m/s].
+        parameters: all continuous parameters; `body_vertices` is the body at the end of the step.
+        body_start: the body at the start of the step, for friction [m].
+        inverse_step: 1/h [1/s]; zero leaves inertia out.
+
+    Raises:
+        RuntimeError: double precision is off.
+        TypeError: called under jit or vmap.
+        InputError: arrays that do not fit the simulator or are not finite, or a start state closer
+            than the thickness.
+    """
+    positions, report, _ = _solve(simulator, start, velocity, parameters, body_start, inverse_step)
+    return positions, report
+
+
+def _solve(simulator, start, velocity, parameters, body_start, inverse_step):
+    require_float64("the cloth simulator")
+    check_concrete("the cloth simulator", start, velocity, parameters, body_start, inverse_step)
+    _validate(simulator, start, velocity, parameters, body_start)
+    frame = Frame(
+        step=TimeStep(start, velocity, inverse_step),
+        body_start=body_start,
+        body_areas=simulator.body_areas,
+        settings=simulator.settings,
+    )
+    objective = StepObjective(simulator, parameters, frame)
+    x0 = np.asarray(start)
+    if objective.smallest_distance(x0) <= float(simulator.settings.thickness):
+        raise InputError(
+            f"the start state has a pair at {objective.smallest_distance(x0) * 1e3:.4f} mm, at or "
+            f"below the thickness of {float(simulator.settings.thickness) * 1e3:.4f} mm",
+            mend="start from a state without intersections, or repair it while dressing",
+        )
+    solution = minimize(objective, x0, simulator.newton, progress=simulator.progress)
+    x = solution.positions
+    crossings = count_intersections(
+        x,
+        np.asarray(simulator.cloth.faces).T,
+        np.asarray(parameters.body_vertices),
+        simulator.body_faces,
+    )
+    report = Report(
+        result=jnp.asarray(int(solution.result)),
+        iterations=jnp.asarray(solution.iterations),
+        step_size=jnp.asarray(solution.step_size),
+        residual=jnp.asarray(solution.residual),
+        energy=jnp.asarray(solution.energy),
+        smallest_distance=jnp.asarray(objective.smallest_distance(x)),
+        self_intersections=jnp.asarray(crossings.self),
+        body_intersections=jnp.asarray(crossings.body),
+    )
+    return jnp.asarray(x), report, (objective, solution.factorization)
+
+
+def _validate(simulator, start, velocity, parameters: Parameters, body_start) -> None:
+    n, b = simulator.vertex_count, len(simulator.body_areas)
+    expected = {
+        "start positions": (start, (n, 3)),
+        "start velocities": (velocity, (n, 3)),
+        "body vertices": (parameters.body_vertices, (b, 3)),
+        "body vertices at the start": (body_start, (b, 3)),
+        "pin targets": (parameters.pin_targets, (len(simulator.cloth.pins), 3)),
+    }
+    for name, (array, shape) in expected.items():
+        if array.shape != shape:
+            raise InputError(f"{name} have shape {array.shape}, expected {shape}")
+    for path, leaf in jax.tree_util.tree_leaves_with_path((start, velocity, parameters)):
+        if not np.all(np.isfinite(np.asarray(leaf))):
+            raise InputError(
+                "a number is not finite", where=f"simulation input {jax.tree_util.keystr(path)}"
+            )
+
+
+def _forward(simulator, start, velocity, parameters, body_start, inverse_step):
+    positions, report, kept = _solve(
+        simulator, start, velocity, parameters, body_start, inverse_step
+    )
+    residuals = (positions, start, velocity, parameters, body_start, inverse_step, _Kept(kept))
+    return (positions, report), residuals
+
+
+def _backward(simulator, residuals, cotangents):
+    positions, start, velocity, parameters, body_start, inverse_step, kept = residuals
+    objective, factorization = kept.value
+    cotangent = np.asarray(cotangents[0])
+    adjoint = solve_adjoint(objective, np.asarray(positions), cotangent, factorization)
+    pairs = objective.pairs(np.asarray(positions))
+    return mixed_product(
+        jnp.asarray(adjoint),
+        positions,
+        start,
+        velocity,
+        parameters,
+        body_start,
+        inverse_step,
+        simulator.cloth,
+        simulator.body_areas,
+        simulator.settings,
+        (pairs[PairKind.VERTEX_FACE], pairs[PairKind.EDGE_EDGE]),
+        objective.friction,
+    )
+
+
+advance.defvjp(_forward, _backward)
+
+
+def solve_adjoint(objective, positions, cotangent, factorization) -> np.ndarray:
+    """H^-1 times the cotangent with the exact Hessian (S2.5, S2.8).
+
+    Returns NaN, with a warning, where the solve fails: a derivative that does not exist must not
+    pass as a number.
+    """
+    if not np.any(cotangent):
+        return np.zeros_like(cotangent)
+    reason = "the forward solve kept no factorization"
+    if factorization is not None:
+        solved = conjugate_gradient(
+            hessian_operator(objective, positions),
+            np.asarray(cotangent, np.float64).ravel(),
+            factorization,
+            tolerance=_ADJOINT_TOLERANCE,
+            iteration_limit=_ADJOINT_LIMIT,
+        )
+        if solved.converged:
+            return solved.solution.reshape(positions.shape)
+        if solved.smallest_curvature <= 0.0:
+            reason = Result.INDEFINITE_HESSIAN.message
+        else:
+            reason = (
+                f"conjugate gradients reached a relative residual of "
+                f"{solved.relative_residual:.1e} in {solved.iterations} iterations"
+            )
+    warnings.warn(
+        f"the adjoint solve failed and the gradient is NaN: {reason}",
+        AdjointWarning,
+        stacklevel=2,
+    )
+    return np.full_like(cotangent, np.nan)
+
+
+@jax.jit
+def mixed_product(
+    adjoint: Float[Array, "n 3"],
+    positions: Float[Array, "n 3"],
+    start: Float[Array, "n 3"],
+    velocity: Float[Array, "n 3"],
+    parameters: Parameters,
+    body_start: Float[Array, "b 3"],
+    inverse_step: Float[Array, ""],
+    cloth: Cloth,
+    body_areas: Float[Array, " b"],
+    settings,
+    pairs: tuple[Pairs, Pairs],
+    friction: tuple[Pairs, Pairs] | None,
+):
+    """Minus the adjoint times the derivative of the gradient in every parameter (S2.7, S2.9)."""
+
+    def work(start, velocity, parameters, body_start, inverse_step):
+        """Force along the adjoint: its gradient in the parameters is what is wanted."""
+        frame = Frame(TimeStep(start, velocity, inverse_step), body_start, body_areas, settings)
+
+        def energy(x):
+            return total_energy(x, parameters, cloth, frame, *pairs, friction)
+
+        return -jax.jvp(energy, (positions,), (adjoint,))[1]
+
+    return jax.grad(work, argnums=(0, 1, 2, 3, 4))(
+        start, velocity, parameters, body_start, inverse_step
+    )

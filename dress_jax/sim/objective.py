@@ -1,0 +1,212 @@
+"""The incremental potential of one time step, as Newton's method wants it."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from dress_jax.contact.broad_phase import find_candidates
+from dress_jax.contact.candidates import Candidates, make_candidates
+from dress_jax.contact.ccd import step_bound
+from dress_jax.contact.potential import CONTACT_PAIRS, PairKind
+from dress_jax.core.buckets import bucket_size, pad_columns
+from dress_jax.core.pytree import replace
+from dress_jax.energy.cloth import Parameters
+from dress_jax.sim import kernels
+from dress_jax.sim.kernels import Frame, Pairs
+from dress_jax.sim.simulator import Simulator
+from dress_jax.sim.sparsity import extended
+from dress_jax.solver.block_matrix import BlockSlots, element_pairs, upper_triangle
+from dress_jax.solver.linear import Factorization
+
+Positions = Float[np.ndarray, "n 3"]
+
+
+class StepObjective:
+    """Energy, derivatives and step bound of one implicit step with a body at rest.
+
+    Candidates are found for the whole of a step and reused while every vertex stays within a
+    margin of where it was seen; a state outside of it is never evaluated.
+    """
+
+    def __init__(self, simulator: Simulator, parameters: Parameters, frame: Frame):
+        self._simulator = simulator
+        self._cloth = simulator.cloth
+        self.parameters = parameters
+        self.frame = frame
+        self._body = np.asarray(parameters.body_vertices)
+        settings = simulator.settings
+        self._reach = float(settings.dhat + settings.thickness)
+        self._margin = float(settings.dhat)
+        self._candidates: Candidates | None = None
+        self._low = self._high = np.zeros((0, 3))
+        self._body_moved = True
+        self.friction: tuple[Pairs, Pairs] | None = None
+        if simulator.friction:
+            self.friction = self._find_friction()
+
+    # Candidates
+
+    def _cover(self, start: Positions, end: Positions) -> None:
+        """Make the candidates valid for every state between start and end."""
+        if self._candidates is not None and self._covers(start) and self._covers(end):
+            return
+        rows = find_candidates(
+            self._simulator.broad_phase,
+            np.concatenate([start, self._body]),
+            np.concatenate([end, self._body]),
+            self._reach + 2.0 * self._margin,
+            body_moved=self._body_moved,
+        )
+        self._body_moved = False
+        self._candidates = make_candidates(*rows)
+        self._low, self._high = np.minimum(start, end), np.maximum(start, end)
+
+    def _covers(self, x: Positions) -> bool:
+        outside = np.maximum(np.maximum(self._low - x, x - self._high), 0.0)
+        return bool(np.max(np.sum(outside**2, axis=1), initial=0.0) <= self._margin**2)
+
+    def pairs(self, positions: Positions) -> dict[PairKind, Pairs]:
+        """All pairs that may be in contact at a state."""
+        self._cover(positions, positions)
+        found = self._candidates
+        assert found is not None
+        return {
+            PairKind.VERTEX_FACE: Pairs(found.vertex_face, found.vertex_face_count),
+            PairKind.EDGE_EDGE: Pairs(found.edge_edge, found.edge_edge_count),
+        }
+
+    def _active(self, positions: Positions) -> dict[PairKind, np.ndarray]:
+        """Stencil vertices (4, m) of the pairs closer than dhat."""
+        active = {}
+        for kind, pairs in self.pairs(positions).items():
+            mask, _ = kernels.find_active(positions, self.parameters, self.frame, pairs, kind=kind)
+            active[kind] = np.asarray(pairs.indices)[:, np.nonzero(np.asarray(mask))[0]]
+        return active
+
+    def _find_friction(self) -> tuple[Pairs, Pairs]:
+        """Pairs in contact at the start of the step, with the body where it was."""
+        body, self._body = self._body, np.asarray(self.frame.body_start)
+        parameters = self.parameters
+        self.parameters = replace(parameters, body_vertices=self.frame.body_start)
+        active = self._active(np.asarray(self.frame.step.start))
+        self.parameters, self._body = parameters, body
+        self._candidates, self._body_moved = None, True
+        return tuple(_padded(active[kind])[0] for kind in PairKind)  # type: ignore[return-value]
+
+    def smallest_distance(self, positions: Positions) -> float:
+        """Smallest distance of all candidate pairs [m]; infinite where there are none."""
+        smallest = np.inf
+        for kind, pairs in self.pairs(positions).items():
+            _, squared = kernels.find_active(
+                positions, self.parameters, self.frame, pairs, kind=kind
+            )
+            smallest = min(smallest, float(squared))
+        return float(np.sqrt(smallest))
+
+    # Energy and derivatives
+
+    def value(self, positions: Positions) -> float:
+        """The energy [J]."""
+        pairs = self.pairs(positions)
+        fixed = (self.parameters, self._cloth, self.frame)
+        total = float(kernels.elastic_value(positions, *fixed))
+        for kind in PairKind:
+            total += float(kernels.barrier_value(positions, *fixed, pairs[kind], kind=kind))
+        if self.friction is not None:
+            for kind, stuck in zip(PairKind, self.friction, strict=True):
+                total += float(kernels.sliding_value(positions, *fixed, stuck, kind=kind))
+        return total
+
+    def value_and_gradient(self, positions: Positions) -> tuple[float, Positions]:
+        """The energy [J] and its gradient [N]."""
+        pairs = self.pairs(positions)
+        fixed = (self.parameters, self._cloth, self.frame)
+        results = [kernels.elastic_gradient(positions, *fixed)]
+        for kind in PairKind:
+            results.append(kernels.barrier_gradient(positions, *fixed, pairs[kind], kind=kind))
+        if self.friction is not None:
+            for kind, stuck in zip(PairKind, self.friction, strict=True):
+                results.append(kernels.sliding_gradient(positions, *fixed, stuck, kind=kind))
+        total = sum(float(value) for value, _ in results)
+        gradient = sum(np.asarray(part) for _, part in results)
+        return total, np.asarray(gradient)
+
+    def hessian_product(self, positions: Positions, direction: Positions) -> Positions:
+        """The exact Hessian times a direction [N]."""
+        pairs = self.pairs(positions)
+        fixed = (self.parameters, self._cloth, self.frame)
+        total = np.array(kernels.elastic_product(positions, direction, *fixed))
+        for kind in PairKind:
+            total += np.asarray(
+                kernels.barrier_product(positions, direction, *fixed, pairs[kind], kind=kind)
+            )
+        if self.friction is not None:
+            for kind, stuck in zip(PairKind, self.friction, strict=True):
+                total += np.asarray(
+                    kernels.sliding_product(positions, direction, *fixed, stuck, kind=kind)
+                )
+        return total
+
+    def factorize(self, positions: Positions) -> Factorization:
+        """The projected Hessian, factorized.
+
+        Raises:
+            LinearSolveError: it is not positive definite or not finite.
+        """
+        active = self._active(positions)
+        families = [(kernels.barrier_matrix, kind, *_padded(active[kind])) for kind in PairKind]
+        if self.friction is not None:
+            for kind, stuck in zip(PairKind, self.friction, strict=True):
+                families.append((kernels.sliding_matrix, kind, stuck, np.asarray(stuck.indices)))
+        slots = self._contact_slots([(pairs, indices) for _, _, pairs, indices in families])
+
+        simulator = self._simulator
+        fixed = (self.parameters, self._cloth, self.frame)
+        values = kernels.elastic_matrix(
+            positions, *fixed, simulator.slots, capacity=simulator.pattern.capacity
+        )
+        for (kernel, kind, pairs, _), target in zip(families, slots, strict=True):
+            values = kernel(values, positions, *fixed, pairs, target, kind=kind)
+        return simulator.linear_solver.factorize(upper_triangle(simulator.pattern, values))
+
+    def _contact_slots(self, families: list[tuple[Pairs, np.ndarray]]) -> list[BlockSlots]:
+        """Slots of contact pairs; extends the pattern where it lacks a block."""
+        simulator = self._simulator
+        size = simulator.pattern.size
+        wanted = []
+        for pairs, indices in families:
+            used = np.arange(indices.shape[1]) < int(pairs.count)
+            wanted.append(element_pairs(np.where(used, indices, size), CONTACT_PAIRS))
+        found = [simulator.pattern.find(first, second) for first, second in wanted]
+        if not all(complete for _, _, complete in found):
+            simulator.pattern, simulator.slots = extended(
+                simulator.cloth, simulator.pattern, wanted
+            )
+            found = [simulator.pattern.find(first, second) for first, second in wanted]
+        return [
+            BlockSlots(jnp.asarray(slots), jnp.asarray(transposed))
+            for slots, transposed, _ in found
+        ]
+
+    # Steps
+
+    def step_bound(self, positions: Positions, displacement: Positions) -> float:
+        """How far along the displacement no pair touches, in (0, 1] (S1.11)."""
+        self._cover(positions, positions + displacement)
+        assert self._candidates is not None
+        still = np.zeros_like(self._body)
+        return float(
+            step_bound(
+                jnp.asarray(np.concatenate([positions, self._body])),
+                jnp.asarray(np.concatenate([displacement, still])),
+                self._candidates,
+                min_distance=self._simulator.settings.thickness,
+            )
+        )
+
+
+def _padded(indices: np.ndarray) -> tuple[Pairs, np.ndarray]:
+    """Pairs padded to a bucket, and the same indices on the host."""
+    count = indices.shape[1]
+    padded = pad_columns(indices.astype(np.int32), bucket_size(count, smallest=4096))
+    return Pairs(jnp.asarray(padded), jnp.asarray(count, jnp.int32)), padded

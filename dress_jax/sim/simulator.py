@@ -1,0 +1,125 @@
+"""The simulator: a cloth, what it collides with, and the settings of a solve.
+
+A host object without parameters: positions, stiffnesses and the body's vertices are arguments of
+every solve, so that all of them can be differentiated.
+"""
+
+import dataclasses
+from collections.abc import Callable
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from dress_jax.contact.barrier import ContactSettings, contact_settings
+from dress_jax.contact.broad_phase import BroadPhase, make_broad_phase, make_collision_mesh
+from dress_jax.core.errors import InputError
+from dress_jax.energy.cloth import Cloth
+from dress_jax.energy.rest import vertex_areas
+from dress_jax.sim.kernels import ElasticSlots
+from dress_jax.sim.sparsity import elastic_slots
+from dress_jax.solver.block_matrix import BlockPattern
+from dress_jax.solver.linear import LinearSolver, make_solver
+from dress_jax.solver.newton import NewtonOptions, NewtonProgress
+
+
+@dataclasses.dataclass(eq=False)
+class Simulator:
+    """What stays the same from solve to solve; made by `make_simulator`.
+
+    Attributes:
+        cloth: topology of the garment.
+        body_faces: triangles of the body, (k, 3).
+        body_areas: area that each body vertex stands for in contact [m^2], (b,).
+        settings: lengths of the contact model.
+        newton: stopping rule.
+        friction: whether friction acts (off in an optimisation, S9.9).
+        linear_solver: factorizes the projected Hessians.
+        pattern, slots: sparsity of the current matrices; grows with self-contact.
+        broad_phase: box trees.
+        progress: called after every Newton iteration.
+    """
+
+    cloth: Cloth
+    body_faces: Int[np.ndarray, "k 3"]
+    body_areas: Float[Array, " b"]
+    settings: ContactSettings
+    newton: NewtonOptions
+    friction: bool
+    linear_solver: LinearSolver
+    pattern: BlockPattern
+    slots: ElasticSlots
+    broad_phase: BroadPhase
+    progress: Callable[[NewtonProgress], None] | None = None
+
+    @property
+    def vertex_count(self) -> int:
+        """Number of cloth vertices."""
+        return self.cloth.vertex_count
+
+
+def body_vertex_areas(
+    vertices: Float[np.ndarray, "b 3"], faces: Int[np.ndarray, "k 3"]
+) -> Float[Array, " b"]:
+    """A third of the area of the triangles around each body vertex [m^2]."""
+    corners = np.asarray(vertices, np.float64)[np.asarray(faces)]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = 0.5 * np.linalg.norm(normals, axis=1)
+    columns = jnp.asarray(np.asarray(faces).T, jnp.int32).reshape(3, -1)
+    return vertex_areas(jnp.asarray(areas), columns, len(vertices))
+
+
+def make_simulator(
+    cloth: Cloth,
+    positions: Float[np.ndarray, "n 3"],
+    *,
+    body_vertices: Float[np.ndarray, "b 3"] | None = None,
+    body_faces: Int[np.ndarray, "k 3"] | None = None,
+    settings: ContactSettings | None = None,
+    newton: NewtonOptions | None = None,
+    friction: bool = False,
+    linear_solver: str = "auto",
+    weld_map: Int[np.ndarray, " n"] | None = None,
+) -> Simulator:
+    """Prepare a simulator for one cloth and one body topology.
+
+    Args:
+        cloth: topology of the garment.
+        positions: typical positions [m], (n, 3); they shape the box trees, not the results.
+        body_vertices, body_faces: the body; its vertices here give the contact areas only.
+        settings: lengths of the contact model; default dhat 3 mm, thickness 0.3 mm.
+        newton: stopping rule.
+        friction: whether friction acts.
+        linear_solver: a name, see `solver.linear.available_solvers`.
+        weld_map: vertices with the same number are, or are about to become, one vertex; primitives
+            that share one do not collide. Default: none do.
+
+    Raises:
+        InputError: arrays that do not fit each other.
+    """
+    n = cloth.vertex_count
+    positions = np.asarray(positions, np.float64)
+    if positions.shape != (n, 3):
+        raise InputError(f"positions have shape {positions.shape}, the cloth has {n} vertices")
+    if (body_vertices is None) != (body_faces is None):
+        raise InputError("body_vertices and body_faces must come together")
+    body = np.zeros((0, 3)) if body_vertices is None else np.asarray(body_vertices, np.float64)
+    triangles = np.zeros((0, 3), np.int32) if body_faces is None else np.asarray(body_faces)
+    weld = None
+    if weld_map is not None:
+        weld_map = np.asarray(weld_map)
+        weld = np.concatenate([weld_map, weld_map.max() + 1 + np.arange(len(body))])
+    mesh = make_collision_mesh(np.asarray(cloth.faces).T, n, triangles, len(body), weld_ids=weld)
+    pattern, slots = elastic_slots(cloth)
+    return Simulator(
+        cloth=cloth,
+        body_faces=np.asarray(triangles, np.int32),
+        body_areas=body_vertex_areas(body, triangles),
+        settings=contact_settings() if settings is None else settings,
+        newton=NewtonOptions() if newton is None else newton,
+        friction=friction,
+        linear_solver=make_solver(linear_solver),
+        pattern=pattern,
+        slots=slots,
+        broad_phase=make_broad_phase(mesh, np.concatenate([positions, body])),
+    )

@@ -1,0 +1,192 @@
+"""Newton's method with a bounded backtracking line search; it knows no cloth.
+
+The direction solves a projected (positive-definite) Hessian; once steps are small the exact
+Hessian takes over through conjugate gradients preconditioned by the projected one, which turns the
+linear convergence of the projection into a quadratic one.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from dress_jax.core.results import Result
+from dress_jax.solver.conjugate_gradient import conjugate_gradient
+from dress_jax.solver.linear import Factorization, LinearSolveError
+
+Positions = Float[np.ndarray, "n 3"]
+
+
+class Objective(Protocol):
+    """An energy of vertex positions with a bound on how far one may step."""
+
+    def value(self, positions: Positions) -> float:
+        """The energy [J]."""
+        ...
+
+    def value_and_gradient(self, positions: Positions) -> tuple[float, Positions]:
+        """The energy and its gradient [N]."""
+        ...
+
+    def factorize(self, positions: Positions) -> Factorization:
+        """The projected Hessian, factorized."""
+        ...
+
+    def hessian_product(self, positions: Positions, direction: Positions) -> Positions:
+        """The exact Hessian times a direction."""
+        ...
+
+    def step_bound(self, positions: Positions, displacement: Positions) -> float:
+        """The largest admissible step length in (0, 1]; prepares evaluations up to it."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class NewtonOptions:
+    """When to stop and how far to step.
+
+    Attributes:
+        tolerance: stop when no vertex would move further than this in a Newton step [m].
+        iteration_limit: stop after this many steps.
+        longest_step: no vertex moves further than this in one step [m]; keeps the candidate set
+            small while the start is far from the solution.
+        exact_below: use the exact Hessian once the last step was shorter than this [m].
+    """
+
+    tolerance: float = 1e-5
+    iteration_limit: int = 300
+    longest_step: float = 0.05
+    exact_below: float = 2e-3
+
+
+class NewtonProgress(NamedTuple):
+    """What one iteration reports."""
+
+    iteration: int
+    energy: float
+    step_size: float  # longest vertex displacement of the full step [m]
+    step_length: float  # accepted fraction of the step
+    bound: float  # admissible fraction of the step
+    exact: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class NewtonSolution:
+    """Where Newton's method ended.
+
+    Attributes:
+        positions: [m], (n, 3).
+        result: how it ended.
+        iterations: steps taken.
+        step_size: longest vertex displacement of the last Newton step [m].
+        energy: [J].
+        residual: largest force on a vertex [N].
+        factorization: of the projected Hessian at (or one step before) the solution.
+    """
+
+    positions: Positions
+    result: Result
+    iterations: int
+    step_size: float
+    energy: float
+    residual: float
+    factorization: Factorization | None
+
+
+_ARMIJO = 1e-4
+_SHORTEST_FRACTION = 1e-10
+_EXACT_TOLERANCE = 1e-3  # of the inner conjugate gradients
+_EXACT_LIMIT = 40
+_ROUNDING = 64.0 * np.finfo(float).eps
+
+
+def minimize(
+    objective: Objective,
+    start: Positions,
+    options: NewtonOptions,
+    *,
+    progress: Callable[[NewtonProgress], None] | None = None,
+) -> NewtonSolution:
+    """Minimize an energy from an admissible start.
+
+    Every iterate is admissible: the line search starts at the objective's step bound.
+
+    Args:
+        objective: the energy.
+        start: an admissible state [m].
+        options: stopping rule and step limits.
+        progress: called after every iteration.
+
+    Returns:
+        The solution with its result; never raises for a failed solve.
+    """
+    x = np.array(start, np.float64)
+    factorization: Factorization | None = None
+    size = math.inf
+    energy, gradient = objective.value_and_gradient(x)
+
+    def finish(result: Result, iterations: int) -> NewtonSolution:
+        residual = float(np.max(np.linalg.norm(gradient, axis=1), initial=0.0))
+        return NewtonSolution(x, result, iterations, size, energy, residual, factorization)
+
+    for iteration in range(options.iteration_limit):
+        if not (math.isfinite(energy) and np.all(np.isfinite(gradient))):
+            return finish(Result.NON_FINITE, iteration)
+        try:
+            factorization = objective.factorize(x)
+            direction = -factorization.solve(gradient.ravel()).reshape(x.shape)
+        except LinearSolveError:
+            return finish(Result.LINEAR_SOLVE_FAILED, iteration)
+        exact = False
+        if _longest(direction) < options.exact_below:
+            refined = conjugate_gradient(
+                hessian_operator(objective, x),
+                -gradient.ravel(),
+                factorization,
+                tolerance=_EXACT_TOLERANCE,
+                iteration_limit=_EXACT_LIMIT,
+            )
+            if refined.converged:
+                direction, exact = refined.solution.reshape(x.shape), True
+        if not np.all(np.isfinite(direction)):
+            return finish(Result.NON_FINITE, iteration)
+        size = _longest(direction)
+        if size <= options.tolerance:
+            return finish(Result.CONVERGED, iteration)
+
+        if size > options.longest_step:
+            direction = direction * (options.longest_step / size)
+        bound = objective.step_bound(x, direction)
+        slope = float(np.vdot(gradient, direction))
+        slack = _ROUNDING * abs(energy)
+        fraction = bound
+        while True:
+            trial = objective.value(x + fraction * direction)
+            if trial <= energy + _ARMIJO * fraction * slope + slack:
+                break
+            fraction *= 0.5
+            if fraction < _SHORTEST_FRACTION * bound:
+                return finish(Result.LINE_SEARCH_STALLED, iteration)
+        x = x + fraction * direction
+        energy, gradient = objective.value_and_gradient(x)
+        if progress is not None:
+            progress(NewtonProgress(iteration + 1, energy, size, fraction, bound, exact))
+    return finish(Result.ITERATION_LIMIT, options.iteration_limit)
+
+
+def hessian_operator(
+    objective: Objective, positions: Positions
+) -> Callable[[Float[np.ndarray, " m"]], Float[np.ndarray, " m"]]:
+    """The exact Hessian at a state, as a function of flat vectors."""
+
+    def product(direction: np.ndarray) -> np.ndarray:
+        return objective.hessian_product(positions, direction.reshape(positions.shape)).ravel()
+
+    return product
+
+
+def _longest(displacement: Positions) -> float:
+    return float(np.sqrt(np.max(np.sum(displacement**2, axis=1), initial=0.0)))
