@@ -53,5 +53,6 @@ def rotation_angles(matrix: np.ndarray, *, order: str = "zyx") -> Float[np.ndarr
         x = math.atan2(sign * matrix[2, 1], sign * matrix[2, 2])
         y = math.atan2(-matrix[2, 0], sign * cosine)
         z = math.atan2(sign * matrix[1, 0], sign * matrix[0, 0])
-        candidates.append(np.degrees([x, y, z]) + 0.0)
+        angles = np.degrees([x, y, z]) + 0.0
+        candidates.append(np.where(angles == -180.0, 180.0, angles))
     return min(candidates, key=lambda angles: float(np.sum(np.abs(angles))))

@@ -3,6 +3,7 @@
 `build.discretize` makes one. Checklist S5.2, S5.5, S5.6, S5.7, S8.3.
 """
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
@@ -121,7 +122,8 @@ def rest_positions(
     Args:
         parameters: the pattern's parameters.
         discretization: made from the same pattern; pass it as an argument of jitted functions, so
-            that its tables are not captured as constants.
+            that its tables are not captured as constants, and `jax.device_put` it once where
+            copying the weights at every call would cost.
 
     Returns:
         Positions [m], shape (P, 2).
@@ -130,6 +132,13 @@ def rest_positions(
         RuntimeError: 64-bit arrays are off.
     """
     require_float64("rest_positions")
+    return _rest_positions(parameters, discretization)
+
+
+@jax.jit
+def _rest_positions(
+    parameters: PatternParameters, discretization: Discretization
+) -> Float[Array, "P 2"]:
     outline = outline_positions(parameters, discretization)
     parts, start = [], 0
     for weights in discretization.harmonic:

@@ -15,7 +15,7 @@ from dress_jax.core.errors import InputError
 from dress_jax.geometry.curves import to_chord_frame
 from dress_jax.geometry.rotations import rotation_matrix
 from dress_jax.pattern.model import Dialect, Edge, EdgeKind, Panel, Pattern, Side, Stitch
-from dress_jax.pattern.validation import validate
+from dress_jax.pattern.validation import MIN_CHORD, validate
 
 _EULER_ORDERS = ("zyx", "xyz")
 # Near a half circle the apex depends on the radius like a square root, so rounding in the radius
@@ -23,7 +23,6 @@ _EULER_ORDERS = ("zyx", "xyz")
 # arc moves by less than 1e-5 of its chord, or 1e-3 where the radius was too small to reach.
 _HALF_CIRCLE_ABOVE = 1e-10
 _HALF_CIRCLE_BELOW = 1e-6
-_MIN_CHORD = 1e-6  # [m]; a shorter edge has no usable chord frame
 
 
 def parse_specification(
@@ -152,7 +151,7 @@ def _parse_edge(raw: Any, vertices: np.ndarray, dialect: Dialect, where: str) ->
             mend=f"write two vertex indices between 0 and {len(vertices) - 1}",
         )
     start, end = vertices[ends[0]], vertices[ends[1]]
-    if float(np.hypot(*(end - start))) < _MIN_CHORD:
+    if float(np.hypot(*(end - start))) < MIN_CHORD:
         raise InputError(
             "the edge has no length",
             where=where,

@@ -7,7 +7,7 @@ from dress_jax.pattern.model import Panel, Pattern, Side
 from dress_jax.pattern.outline import crossing_edges, fine_outline
 
 _MIN_EDGES = 3
-_MIN_CHORD = 1e-6  # [m]
+MIN_CHORD = 1e-6  # [m]; a shorter edge has no usable chord frame
 
 
 def validate(pattern: Pattern) -> None:
@@ -52,7 +52,7 @@ def check_loop(panel: Panel, *, source: str = "") -> None:
         if not np.isfinite(edge.controls).all():
             raise InputError("a control point is not finite", where=here)
         chord = panel.vertices[edge.end] - panel.vertices[edge.start]
-        if float(np.hypot(*chord)) < _MIN_CHORD:
+        if float(np.hypot(*chord)) < MIN_CHORD:
             raise InputError(
                 "the edge has no length",
                 where=here,

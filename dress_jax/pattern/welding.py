@@ -90,11 +90,13 @@ def split_faulty_edges(
     Raises:
         InputError: edges are still at fault after `max_rounds`.
     """
-    for _ in range(max_rounds):
+    meshes = list(meshes)
+    for attempt in range(max_rounds + 1):
         faults = _faulty_inner_edges(meshes, label)
         if not faults:
             return meshes
-        meshes = list(meshes)
+        if attempt == max_rounds:
+            break
         for panel, ends, collapsed in faults:
             meshes[panel] = _split_edge(meshes[panel], ends, pieces=3 if collapsed else 2)
     raise InputError(
