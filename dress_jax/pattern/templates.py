@@ -23,9 +23,9 @@ class Measurements:
         chest, waist, hips: girths.
         neck_width: between the shoulder points at the neck.
         shoulder_width: between the shoulder tips.
-        shoulder_height, shoulder_tip_height, chest_height, waist_height, hips_height, knee_height,
-            wrist_height: above the floor; `shoulder_height` at the neck, `wrist_height` as if the
-            arm hung down.
+        shoulder_height, shoulder_tip_height, waist_height, hips_height, knee_height: above the
+            floor; `shoulder_height` at the neck.
+        armhole_depth: from the shoulder tip straight down to the bottom of an armhole.
         upper_arm: girth.
     """
 
@@ -36,10 +36,10 @@ class Measurements:
     shoulder_width: float = static(default=0.38)
     shoulder_height: float = static(default=1.41)
     shoulder_tip_height: float = static(default=1.37)
-    chest_height: float = static(default=1.22)
     waist_height: float = static(default=1.04)
     hips_height: float = static(default=0.86)
     knee_height: float = static(default=0.47)
+    armhole_depth: float = static(default=0.18)
     upper_arm: float = static(default=0.30)
 
 
@@ -72,8 +72,8 @@ def _bodice(
     top = m.shoulder_height
     half_chest = 0.25 * m.chest * (1.0 + ease)
     half_neck, half_shoulder, half_hem = 0.5 * m.neck_width, 0.5 * m.shoulder_width, 0.5 * hem_width
-    armpit = m.chest_height + 0.02 - top
     tip = m.shoulder_tip_height - top
+    armpit = tip - m.armhole_depth
     hem = hem_height - top
     vertices = np.array(
         [
@@ -200,3 +200,80 @@ def straight_skirt(
     pairs = ((1, 5), (2, 4), (4, 2), (5, 1))
     stitches = tuple(Stitch(Side("skirt_front", i), Side("skirt_back", j)) for i, j in pairs)
     return Pattern(panels=panels, stitches=stitches, source="straight_skirt")
+
+
+def t_shirt(
+    measurements: Measurements = DEFAULT,
+    *,
+    ease: float = 0.12,
+    sleeve_length: float = 0.20,
+    arm_angle: float = 0.0,
+    gap: float = 0.20,
+) -> Pattern:
+    """A hip-length T-shirt: front, back and two sleeves of a front and a back piece each.
+
+    Args:
+        measurements: the body's.
+        ease: extra width at chest and upper arm, as a fraction of the girth.
+        sleeve_length: from the armpit along the arm [m].
+        arm_angle: how far the arms hang below the horizontal [degrees]; the sleeves' placement
+            follows.
+        gap: distance of the panels' planes from z = 0 [m].
+
+    Raises:
+        InputError: an option that is not a positive number.
+    """
+    _positive(gap=gap, one_plus_ease=1.0 + ease, sleeve_length=sleeve_length)
+    m = measurements
+    hem_width = 0.5 * max(m.hips, m.chest) * (1.0 + ease)
+    common = {"hem_height": m.hips_height, "hem_width": hem_width, "ease": ease, "gap": gap}
+    front = _bodice("front", m, neck_depth=0.09, back=False, **common)
+    back = _bodice("back", m, neck_depth=0.03, back=True, **common)
+    panels, stitches = [front, back], _bodice_seams("front", "back")
+    cuff = 0.5 * m.upper_arm * (1.0 + ease)
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        # The wearer's left is right-hand on the front and left-hand on the back, seen from outside.
+        front_right_hand = sign > 0.0
+        for body, turned, right_hand in (
+            (front, 0.0, front_right_hand),
+            (back, 180.0, not front_right_hand),
+        ):
+            name = f"{side}_sleeve_{body.name}"
+            vertices, edges, cap = _sleeve_outline(body, sleeve_length, cuff, right_hand)
+            shoulder = np.array([sign * (body.vertices[3, 0] + 0.08), m.shoulder_tip_height])
+            panels.append(
+                Panel(
+                    name=name,
+                    vertices=vertices,
+                    edges=edges,
+                    rotation=rotation_matrix(np.array([0.0, turned, -sign * arm_angle])),
+                    translation=np.append(shoulder, -gap if turned else gap),
+                    label="arm",
+                )
+            )
+            stitches.append(Stitch(Side(body.name, 2 if right_hand else 6), Side(name, cap)))
+        for edge in (2, 0):  # over the arm and under it
+            pieces = (f"{side}_sleeve_front", f"{side}_sleeve_back")
+            stitches.append(Stitch(Side(pieces[0], edge), Side(pieces[1], edge)))
+    return Pattern(panels=tuple(panels), stitches=tuple(stitches), source="t_shirt")
+
+
+def _sleeve_outline(
+    bodice: Panel, length: float, cuff: float, right_hand: bool
+) -> tuple[np.ndarray, tuple[Edge, ...], int]:
+    """Half a sleeve whose cap is its armhole's own curve; the origin is the shoulder tip.
+
+    Returns:
+        Corners [m], edges (0 under the arm, 2 over it) and the index of the cap.
+    """
+    armpit, tip = bodice.vertices[2] - bodice.vertices[3], np.zeros(2)
+    end = armpit[0] + length
+    x, y = bodice.edges[2].controls[0]
+    if right_hand:
+        vertices = np.array([armpit, (end, -cuff), (end, 0.0), tip])
+        cap = quadratic(3, 0, (1.0 - x, -y))  # the armhole's curve run backwards
+        return vertices, (line(0, 1), line(1, 2, label="cuff"), line(2, 3), cap), 3
+    mirror = np.array([-1.0, 1.0])
+    vertices = np.array([(end, -cuff), armpit, tip, (end, 0.0)]) * mirror
+    cap = quadratic(1, 2, (x, -y))  # mirrored
+    return vertices, (line(0, 1), cap, line(2, 3), line(3, 0, label="cuff")), 1
