@@ -39,12 +39,16 @@ def mesh_figures(mesh: Discretization) -> dict:
     _, uses = np.unique(np.sort(directed, axis=1), axis=0, return_counts=True)
     _, same = np.unique(directed, axis=0, return_counts=True)
     angles = np.degrees(triangle_angles(mesh.meshed_positions, mesh.rest_faces))
+    corners = mesh.meshed_positions[mesh.rest_faces]
+    lengths = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
     return {
         "panel_vertices": len(mesh.weld_map),
         "vertices": mesh.vertex_count,
         "faces": len(mesh.faces),
         "min_angle": float(angles.min()),
         "angle_percentile_1": float(np.percentile(angles.min(axis=1), 1)),
+        "min_edge": float(lengths.min()),
+        "max_edge": float(lengths.max()),
         "max_faces_per_edge": int(uses.max()),
         "edges_traversed_twice_one_way": int(np.sum(same > 1)),
         "harmonic_error": harmonic_error(mesh),
@@ -105,6 +109,10 @@ def main() -> None:
         "seconds": sum(row["parse_seconds"] + row["mesh_seconds"] for row in good),
         "median_vertices": float(np.median([row["vertices"] for row in good])),
         "median_min_angle": float(np.median([row["min_angle"] for row in good])),
+        "smallest_min_angle": min(row["min_angle"] for row in good),
+        "median_angle_percentile_1": float(np.median([r["angle_percentile_1"] for r in good])),
+        "min_edge": min(row["min_edge"] for row in good),
+        "max_edge": max(row["max_edge"] for row in good),
         "worst_harmonic_error": max(row["harmonic_error"] for row in good),
         "max_faces_per_edge": max(row["max_faces_per_edge"] for row in good),
         "edges_traversed_twice_one_way": sum(r["edges_traversed_twice_one_way"] for r in good),

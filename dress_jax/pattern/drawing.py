@@ -1,5 +1,6 @@
 """Draw a pattern as an SVG picture: one unit is one centimetre of cloth."""
 
+import colorsys
 import math
 from html import escape
 
@@ -85,7 +86,8 @@ def _seam_of_edge(pattern: Pattern) -> dict[tuple[str, int], int]:
 
 
 def _colour(seam: int) -> str:
-    return f"hsl({360.0 * ((seam * _GOLDEN) % 1.0):.0f} 75% 42%)"
+    channels = colorsys.hls_to_rgb((seam * _GOLDEN) % 1.0, 0.42, 0.75)
+    return "#" + "".join(f"{round(255 * channel):02x}" for channel in channels)
 
 
 def _path(points: np.ndarray) -> str:
@@ -133,8 +135,10 @@ def _draw_panel(
         parts.append(f'<circle cx="{x:.3f}" cy="{y:.3f}" r="0.35" fill="{_OUTLINE}"/>')
     if labels:
         x, y = picture(_label_point(outline))
+        room = 100.0 * float(np.ptp(outline[:, 0]))
+        size = min(2.4, 1.5 * room / max(len(panel.name), 1))
         parts.append(
-            f'<text x="{x:.2f}" y="{y:.2f}" font-size="2.4" text-anchor="middle" '
+            f'<text x="{x:.2f}" y="{y:.2f}" font-size="{size:.2f}" text-anchor="middle" '
             f'dominant-baseline="central" fill="{_OUTLINE}">{escape(panel.name)}</text>'
         )
     return [*parts, *texts, "</g>"]
