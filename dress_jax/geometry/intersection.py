@@ -209,32 +209,41 @@ def _box_pairs(positions, first, second, reach: float) -> np.ndarray:
 
 
 @compiled
-def _cell_range(low, high, origin, size, shape):
-    first = np.empty(3, np.int64)
-    last = np.empty(3, np.int64)
-    for axis in range(3):
-        first[axis] = min(shape[axis] - 1, max(0, int((low[axis] - origin[axis]) / size)))
-        last[axis] = min(shape[axis] - 1, max(0, int((high[axis] - origin[axis]) / size)))
-    return first, last
+def _cell(value, axis, origin, size, shape):
+    """The cell of a coordinate along an axis, limited to the grid."""
+    return min(shape[axis] - 1, max(0, int((value - origin[axis]) / size)))
+
+
+@compiled
+def _cell_range(low, high, row, origin, size, shape):
+    """First and last cell of a box along x, y and z."""
+    return (
+        _cell(low[row, 0], 0, origin, size, shape),
+        _cell(high[row, 0], 0, origin, size, shape),
+        _cell(low[row, 1], 1, origin, size, shape),
+        _cell(high[row, 1], 1, origin, size, shape),
+        _cell(low[row, 2], 2, origin, size, shape),
+        _cell(high[row, 2], 2, origin, size, shape),
+    )
 
 
 @compiled
 def _count_cells(low, high, origin, size, shape, starts):
     for row in range(low.shape[0]):
-        first, last = _cell_range(low[row], high[row], origin, size, shape)
-        for i in range(first[0], last[0] + 1):
-            for j in range(first[1], last[1] + 1):
-                for k in range(first[2], last[2] + 1):
+        i0, i1, j0, j1, k0, k1 = _cell_range(low, high, row, origin, size, shape)
+        for i in range(i0, i1 + 1):
+            for j in range(j0, j1 + 1):
+                for k in range(k0, k1 + 1):
                     starts[(i * shape[1] + j) * shape[2] + k + 1] += 1
 
 
 @compiled
 def _fill_cells(low, high, origin, size, shape, free, entries):
     for row in range(low.shape[0]):
-        first, last = _cell_range(low[row], high[row], origin, size, shape)
-        for i in range(first[0], last[0] + 1):
-            for j in range(first[1], last[1] + 1):
-                for k in range(first[2], last[2] + 1):
+        i0, i1, j0, j1, k0, k1 = _cell_range(low, high, row, origin, size, shape)
+        for i in range(i0, i1 + 1):
+            for j in range(j0, j1 + 1):
+                for k in range(k0, k1 + 1):
                     cell = (i * shape[1] + j) * shape[2] + k
                     entries[free[cell]] = row
                     free[cell] += 1
@@ -246,10 +255,10 @@ def _grid_pairs(low_a, high_a, low_b, high_b, origin, size, shape, starts, entri
     seen = np.full(low_b.shape[0], -1, np.int64)
     count = 0
     for row in range(low_a.shape[0]):
-        first, last = _cell_range(low_a[row], high_a[row], origin, size, shape)
-        for i in range(first[0], last[0] + 1):
-            for j in range(first[1], last[1] + 1):
-                for k in range(first[2], last[2] + 1):
+        i0, i1, j0, j1, k0, k1 = _cell_range(low_a, high_a, row, origin, size, shape)
+        for i in range(i0, i1 + 1):
+            for j in range(j0, j1 + 1):
+                for k in range(k0, k1 + 1):
                     cell = (i * shape[1] + j) * shape[2] + k
                     for entry in range(starts[cell], starts[cell + 1]):
                         other = entries[entry]
