@@ -1,6 +1,7 @@
 """Sparse Cholesky from oneMKL (x86 only): the fastest measured choice on CPU."""
 
 import contextlib
+import sys
 
 import numpy as np
 import pypardiso
@@ -91,5 +92,5 @@ class PardisoSolver:
         return _PardisoFactorization(self, upper)
 
     def __del__(self) -> None:
-        if getattr(self, "_analyzed", None) is not None:
+        if getattr(self, "_analyzed", None) is not None and not sys.is_finalizing():
             self.release()

@@ -1,0 +1,105 @@
+"""Fabrics as physical numbers, and the parameters of a solve made from them."""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from dress_jax.core.errors import InputError
+from dress_jax.energy.cloth import Cloth, Gravity, Parameters
+
+
+@dataclasses.dataclass(frozen=True)
+class Fabric:
+    """A fabric in SI units.
+
+    Attributes:
+        density: [kg/m^2].
+        stretching_stiffness: k_s [N/m]; a strip of this cloth has a tensile stiffness of about
+            2 k_s (1 + nu) per metre of width.
+        bending_stiffness: flexural rigidity [N m].
+        poisson_ratio: for the neo-Hookean membrane.
+        friction: Coulomb's coefficient against body and cloth.
+    """
+
+    density: float
+    stretching_stiffness: float
+    bending_stiffness: float
+    poisson_ratio: float = 0.3
+    friction: float = 0.4
+
+    def __post_init__(self) -> None:
+        for name in ("density", "stretching_stiffness", "bending_stiffness"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0.0):
+                raise InputError(f"{name} is {value}", where="fabric", mend="it must be positive")
+        if not 0.0 <= self.poisson_ratio < 1.0:
+            raise InputError(f"poisson_ratio is {self.poisson_ratio}", where="fabric")
+        if not self.friction >= 0.0:
+            raise InputError(f"friction is {self.friction}", where="fabric")
+
+
+# Orders of magnitude of apparel fabrics: areal densities of trade descriptions, bending rigidities
+# of KES-F handbooks (5e-6 to 5e-5 N m for shirting and suiting). The stretching stiffness is that
+# of a garment, with its weave slack and knit loops, below that of the yarns.
+FABRICS: dict[str, Fabric] = {
+    "cotton": Fabric(density=0.15, stretching_stiffness=400.0, bending_stiffness=1.0e-5),
+    "denim": Fabric(density=0.40, stretching_stiffness=1200.0, bending_stiffness=6.0e-5),
+    "jersey": Fabric(density=0.18, stretching_stiffness=120.0, bending_stiffness=4.0e-6),
+    "silk": Fabric(density=0.07, stretching_stiffness=250.0, bending_stiffness=3.0e-6),
+    "wool": Fabric(density=0.25, stretching_stiffness=500.0, bending_stiffness=2.5e-5),
+}
+
+
+def named_fabric(name: str) -> Fabric:
+    """A fabric of `FABRICS`.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    if name not in FABRICS:
+        raise InputError(f"unknown fabric {name!r}", mend=f"choose one of {sorted(FABRICS)}")
+    return FABRICS[name]
+
+
+BARRIER_STIFFNESS = 1.0e3  # [Pa]; cloth presses on a body with 1 to 1000 Pa, so gaps stay near dhat
+PIN_STIFFNESS = 1.0e3  # [N/m]
+STITCH_STIFFNESS = 100.0  # [N/m]
+
+
+def make_parameters(
+    cloth: Cloth,
+    fabric: Fabric,
+    rest_positions: Float[Array, "p 2"],
+    *,
+    body_vertices: Float[Array, "b 3"] | None = None,
+    pin_targets: Float[Array, "k 3"] | None = None,
+    gravity: Gravity = Gravity.DOWN,
+) -> Parameters:
+    """Parameters of a garment of one fabric.
+
+    Args:
+        cloth: topology; tells how many pins there are.
+        rest_positions: panel coordinates [m].
+        body_vertices: [m]; default no body.
+        pin_targets: where pins are held [m].
+        gravity: direction and strength.
+    """
+    scalar = jnp.asarray
+    pins = np.zeros((len(cloth.pins), 3)) if pin_targets is None else pin_targets
+    body = np.zeros((0, 3)) if body_vertices is None else body_vertices
+    return Parameters(
+        rest_positions=jnp.asarray(rest_positions, float),
+        density=scalar(fabric.density),
+        stretching_stiffness=scalar(fabric.stretching_stiffness),
+        poisson_ratio=scalar(fabric.poisson_ratio),
+        bending_stiffness=scalar(fabric.bending_stiffness),
+        gravity=jnp.asarray(gravity.value),
+        pin_targets=jnp.asarray(pins, float),
+        pin_stiffness=scalar(PIN_STIFFNESS),
+        stitch_stiffness=scalar(STITCH_STIFFNESS),
+        body_vertices=jnp.asarray(body, float),
+        barrier_stiffness=scalar(BARRIER_STIFFNESS),
+        friction_coefficient=scalar(fabric.friction),
+    )

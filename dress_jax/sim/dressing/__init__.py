@@ -1,0 +1,5 @@
+"""Getting dressed: panels around a thin body, sewing, welding, and the body growing back (S8)."""
+
+from dress_jax.sim.dressing.dress import DressedGarment, DressingOptions, dress
+
+__all__ = ["DressedGarment", "DressingOptions", "dress"]
