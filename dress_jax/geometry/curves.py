@@ -4,7 +4,8 @@ A curve runs from (0, 0) to (1, 0) of its chord frame: x along the chord e, y al
 perpendicular (-e_y, e_x), both in units of the chord length. That map is a similarity, so a curve's
 length is the chord length times a function of its control points alone.
 
-Every function takes `xp`, the array module: `jax.numpy` (default) or `numpy` for host work.
+Functions take `xp`, the array module: `jax.numpy` (default) or `numpy` for host work; what they
+return is an array of that module (annotated as `Any`, with its shape in the docstring).
 Checklist S3.4, S5.1, S5.2.
 """
 
@@ -13,7 +14,11 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Bool, Float
+
+Points = Float[Array, "*batch 2"] | Float[np.ndarray, "*batch 2"]
+Numbers = Float[Array, "*batch"] | Float[np.ndarray, "*batch"]
+Flags = Bool[Array, "*batch"] | Bool[np.ndarray, "*batch"]
 
 _SMALL_ANGLE = 1e-3  # below it the series of sin(u a) / sin(a) is exact to 1e-16
 _LENGTH_INTERVALS = 16
@@ -24,7 +29,7 @@ _NODES = 0.5 * (_NODES + 1.0)
 _WEIGHTS = 0.5 * _WEIGHTS
 
 
-def elevate(control: Any, *, xp: ModuleType = jnp) -> tuple[Any, Any]:
+def elevate(control: Points, *, xp: ModuleType = jnp) -> tuple[Any, Any]:
     """The cubic control points of a quadratic curve, in the chord frame.
 
     Args:
@@ -37,7 +42,7 @@ def elevate(control: Any, *, xp: ModuleType = jnp) -> tuple[Any, Any]:
     return first, first + xp.asarray([1.0 / 3.0, 0.0]).reshape((1,) * (first.ndim - 1) + (2,))
 
 
-def bezier_point(first: Any, second: Any, t: Any, *, xp: ModuleType = jnp) -> Any:
+def bezier_point(first: Points, second: Points, t: Numbers, *, xp: ModuleType = jnp) -> Any:
     """Points of cubic Béziers from (0, 0) to (1, 0).
 
     Args:
@@ -54,7 +59,7 @@ def bezier_point(first: Any, second: Any, t: Any, *, xp: ModuleType = jnp) -> An
     return xp.stack([x, y], axis=-1)
 
 
-def bezier_velocity(first: Any, second: Any, t: Any, *, xp: ModuleType = jnp) -> Any:
+def bezier_velocity(first: Points, second: Points, t: Numbers, *, xp: ModuleType = jnp) -> Any:
     """Derivative of `bezier_point` by t [chord lengths], shape (..., 2)."""
     s = 1.0 - t
     a, b, c = 3.0 * (s * s - 2.0 * s * t), 3.0 * (2.0 * s * t - t * t), 3.0 * t * t
@@ -63,7 +68,7 @@ def bezier_velocity(first: Any, second: Any, t: Any, *, xp: ModuleType = jnp) ->
     return xp.stack([x, y], axis=-1)
 
 
-def _chord_ratio(half_angle: Any, u: Any, xp: ModuleType) -> Any:
+def _chord_ratio(half_angle: Numbers, u: Numbers, xp: ModuleType) -> Any:
     """sin(u a) / sin(a), also where a vanishes."""
     straight = xp.abs(half_angle) < _SMALL_ANGLE
     safe = xp.where(straight, 1.0, half_angle)
@@ -76,7 +81,7 @@ def _chord_ratio(half_angle: Any, u: Any, xp: ModuleType) -> Any:
     return xp.where(straight, series, xp.sin(u * safe) / xp.sin(safe))
 
 
-def arc_point(height: Any, u: Any, *, xp: ModuleType = jnp) -> Any:
+def arc_point(height: Numbers, u: Numbers, *, xp: ModuleType = jnp) -> Any:
     """Points of circular arcs from (0, 0) to (1, 0), uniform in arc length.
 
     An arc is given by its signed height over the chord; its half opening angle is
@@ -96,7 +101,7 @@ def arc_point(height: Any, u: Any, *, xp: ModuleType = jnp) -> Any:
     return xp.stack([ratio * xp.cos(direction), ratio * xp.sin(direction)], axis=-1)
 
 
-def arc_length(height: Any, *, xp: ModuleType = jnp) -> Any:
+def arc_length(height: Numbers, *, xp: ModuleType = jnp) -> Any:
     """Length of circular arcs [chord lengths]: a / sin(a), shape of `height`."""
     half_angle = 2.0 * xp.arctan(2.0 * height)
     straight = xp.abs(half_angle) < _SMALL_ANGLE
@@ -106,7 +111,9 @@ def arc_length(height: Any, *, xp: ModuleType = jnp) -> Any:
     return xp.where(straight, series, safe / xp.sin(safe))
 
 
-def curve_point(arc: Any, first: Any, second: Any, t: Any, *, xp: ModuleType = jnp) -> Any:
+def curve_point(
+    arc: Flags, first: Points, second: Points, t: Numbers, *, xp: ModuleType = jnp
+) -> Any:
     """Points of Béziers and arcs in the chord frame, chosen entry by entry.
 
     Args:
@@ -122,7 +129,7 @@ def curve_point(arc: Any, first: Any, second: Any, t: Any, *, xp: ModuleType = j
     return xp.where(arc[..., None], arc_point(height, t, xp=xp), bezier)
 
 
-def from_chord_frame(start: Any, end: Any, local: Any, *, xp: ModuleType = jnp) -> Any:
+def from_chord_frame(start: Points, end: Points, local: Points, *, xp: ModuleType = jnp) -> Any:
     """Map chord-frame points to panel coordinates.
 
     Args:
@@ -148,14 +155,14 @@ def to_chord_frame(start: np.ndarray, end: np.ndarray, points: np.ndarray) -> np
     return np.stack([along, across], axis=-1)
 
 
-def _bezier_speed(first: Any, second: Any, t: Any, xp: ModuleType) -> Any:
+def _bezier_speed(first: Points, second: Points, t: Numbers, xp: ModuleType) -> Any:
     velocity = bezier_velocity(first, second, t, xp=xp)
     squared = velocity[..., 0] ** 2 + velocity[..., 1] ** 2
     moving = squared > 0.0
     return xp.where(moving, xp.sqrt(xp.where(moving, squared, 1.0)), 0.0)
 
 
-def relative_lengths(arc: Any, first: Any, second: Any, *, xp: ModuleType = jnp) -> Any:
+def relative_lengths(arc: Flags, first: Points, second: Points, *, xp: ModuleType = jnp) -> Any:
     """Arc lengths [chord lengths] of curves; Gauss-Legendre on 16 intervals, arcs in closed form.
 
     Args:
