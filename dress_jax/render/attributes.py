@@ -60,7 +60,7 @@ def find_visibility(
     faces: Int[Array, "f 3"],
     adjacency: Int[Array, "f 3"],
     *,
-    step_limit: int = STEP_LIMIT,
+    step_limit: int | Int[Array, ""] = STEP_LIMIT,
 ) -> Visibility:
     """Visible faces and silhouettes; no derivative passes through.
 
@@ -112,6 +112,9 @@ def render_attributes(
     Returns:
         Image of shape (height, width, d).
     """
+    if faces.shape[0] == 0:
+        shape = (camera.height, camera.width, background.shape[0])
+        return jnp.broadcast_to(background.astype(jnp.float32)[None, None, :], shape)
     if visibility is None:
         visibility = find_visibility(camera, positions, faces, adjacency)
     screen = to_screen(camera, positions)

@@ -47,7 +47,7 @@ def render(
     occluder: RenderMesh | None = None,
     *,
     background: Float[Array, "3"] | None = None,
-    step_limit: int = STEP_LIMIT,
+    step_limit: int | Int[Array, ""] = STEP_LIMIT,
 ) -> Image:
     """Draw a garment in front of, behind and around an occluder.
 
@@ -110,7 +110,7 @@ def render_views(
     occluder: RenderMesh | None = None,
     *,
     background: Float[Array, "3"] | None = None,
-    step_limit: int = STEP_LIMIT,
+    step_limit: int | Int[Array, ""] = STEP_LIMIT,
 ) -> Image:
     """`render` for every camera of a stack, one after the other, so that buffers are reused.
 

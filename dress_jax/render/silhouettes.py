@@ -16,13 +16,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from dress_jax.core.pytree import pytree
-from dress_jax.render.compaction import CHUNK, append, compact, padded_size
+from dress_jax.render.compaction import append, compact, padded_size
 
 QUICK_STEPS = 2
 """Steps that every pair takes; most have met the other centre or a silhouette by then."""
 
-TAIL_CHUNK = 1 << 10
-"""Pairs that walk on together after that: few are left, and the longest walk holds up its chunk."""
+WALK_CHUNK = 1 << 12
+"""Pairs that walk together: the longest walk holds up its chunk."""
 
 STEP_LIMIT = 256
 """Triangles that a walk may cross within one pixel."""
@@ -85,7 +85,7 @@ def find_silhouettes(
     keys: Float[Array, "p"],
     *,
     width: int,
-    step_limit: int = STEP_LIMIT,
+    step_limit: int | Int[Array, ""] = STEP_LIMIT,
 ) -> Silhouettes:
     """All neighbouring pixel pairs between which the nearer surface ends.
 
@@ -112,39 +112,41 @@ def find_silhouettes(
     if faces.shape[0] == 0:
         return found
 
-    def sweep(pairs: _Pairs, found: Silhouettes, steps: int, chunk: int, *, last: bool):
-        """Walk all pairs. Append the silhouettes; list the pairs whose other surface is to be tried
-        and, unless this sweep is their last, those still under way."""
+    def walk_chunk(todo: _Pairs, found: Silhouettes, code, live, steps, final):
+        walk = _walk(mesh, ids, width, code, live, steps)
+        running, hidden = walk.status == _RUNNING, walk.status == _HIDDEN
+        hit = (walk.status == _FOUND) & _owned(mesh, walk.edge, code // 4 >= pixels)
+        (pair, edge), count = append(
+            (found.pair, found.edge), found.count, (code // 2, walk.edge), hit
+        )
+        unfinished = found.unfinished + jnp.where(final, jnp.sum(running, dtype=jnp.int32), 0)
+        # The other surface: swapped turns round, and the last bit says that this is done.
+        again = jnp.where(hidden, (code ^ 2) | 1, code)
+        (listed,), left = append((todo.code,), todo.count, (again,), hidden | (running & ~final))
+        return _Pairs(listed, left), Silhouettes(pair, edge, count, unfinished)
+
+    def sweep(state):
+        """Walk all pairs; list those to be walked on, or whose other surface is to be tried."""
+        number, pairs, found = state
+        # The first sweep is short, and nearly all pairs end in it; the long walks that are left are
+        # gathered into few chunks.
+        final = number > 0
+        steps = jnp.where(final, step_limit, jnp.minimum(QUICK_STEPS, step_limit))
 
         def body(state):
-            start, found, todo = state
-            code = jax.lax.dynamic_slice(pairs.code, (start,), (chunk,))
-            live = start + jnp.arange(chunk, dtype=jnp.int32) < pairs.count
-            walk = _walk(mesh, ids, width, code, live, steps)
-            running, hidden = walk.status == _RUNNING, walk.status == _HIDDEN
-            hit = (walk.status == _FOUND) & _owned(mesh, walk.edge, code // 4 >= pixels)
-            (pair, edge), count = append(
-                (found.pair, found.edge), found.count, (code // 2, walk.edge), hit
-            )
-            unfinished = found.unfinished
-            if last:
-                unfinished = unfinished + jnp.sum(running, dtype=jnp.int32)
-            # The other surface: swapped turns round, and the last bit says that this is done.
-            again = jnp.where(hidden, (code ^ 2) | 1, code)
-            (todo_code,), todo_count = append(
-                (todo.code,), todo.count, (again,), hidden if last else hidden | running
-            )
-            found = Silhouettes(pair, edge, count, unfinished)
-            return start + chunk, found, _Pairs(todo_code, todo_count)
+            start, todo, found = state
+            code = jax.lax.dynamic_slice(pairs.code, (start,), (WALK_CHUNK,))
+            live = start + jnp.arange(WALK_CHUNK, dtype=jnp.int32) < pairs.count
+            todo, found = walk_chunk(todo, found, code, live, steps, final)
+            return start + WALK_CHUNK, todo, found
 
-        state = (zero, found, _Pairs(jnp.zeros(room, jnp.int32), zero))
-        return jax.lax.while_loop(lambda s: s[0] < pairs.count, body, state)[1:]
+        state = (zero, _Pairs(jnp.zeros(room, jnp.int32), zero), found)
+        _, todo, found = jax.lax.while_loop(lambda s: s[0] < pairs.count, body, state)
+        return number + 1, todo, found
 
-    todo = _candidates(ids, keys, width)
-    found, todo = sweep(todo, found, min(QUICK_STEPS, step_limit), CHUNK, last=False)
-    found, todo = sweep(todo, found, step_limit, TAIL_CHUNK, last=True)
-    found, _ = sweep(todo, found, step_limit, TAIL_CHUNK, last=True)
-    return found
+    # Three sweeps at most: short walks, long walks, walks on the other surface.
+    state = (zero, _candidates(ids, keys, width), found)
+    return jax.lax.while_loop(lambda s: s[1].count > 0, sweep, state)[2]
 
 
 def _candidates(ids, keys, width) -> _Pairs:
@@ -182,7 +184,7 @@ def _cross(s0, v0, s1, v1, line):
     return s0 + (line - v0) / jnp.where(step == 0, 1.0, step) * (s1 - s0)
 
 
-def _walk(mesh: _Mesh, ids, width, code, live, steps: int) -> _Walk:
+def _walk(mesh: _Mesh, ids, width, code, live, steps) -> _Walk:
     """Start in the triangle that the near centre sees; walk towards the far centre."""
     pixels = ids.shape[0]
     pair, swapped, tried = code // 4, (code & 2) == 2, (code & 1) == 1
