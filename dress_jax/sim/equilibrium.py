@@ -191,7 +191,7 @@ def _backward(simulator, residuals, cotangents):
     objective, factorization = kept.value
     cotangent = np.asarray(cotangents[0])
     adjoint = solve_adjoint(objective, np.asarray(positions), cotangent, factorization)
-    pairs = objective.pairs(np.asarray(positions))
+    pairs = objective.contacts(np.asarray(positions))
     return mixed_product(
         jnp.asarray(adjoint),
         positions,

@@ -38,8 +38,10 @@ class StepObjective:
         self._reach = float(settings.dhat + settings.thickness)
         self._margin = float(settings.dhat)
         self._candidates: Candidates | None = None
-        self._low = self._high = np.zeros((0, 3))
+        self._seen = self._motion = np.zeros((0, 3))
         self._body_moved = True
+        self._contacts: dict[PairKind, Pairs] | None = None
+        self._contacts_at = np.zeros((0, 3))
         self.friction: tuple[Pairs, Pairs] | None = None
         if simulator.friction:
             self.friction = self._find_friction()
@@ -59,11 +61,16 @@ class StepObjective:
         )
         self._body_moved = False
         self._candidates = make_candidates(*rows)
-        self._low, self._high = np.minimum(start, end), np.maximum(start, end)
+        self._seen, self._motion = start.copy(), end - start
 
     def _covers(self, x: Positions) -> bool:
-        outside = np.maximum(np.maximum(self._low - x, x - self._high), 0.0)
-        return bool(np.max(np.sum(outside**2, axis=1), initial=0.0) <= self._margin**2)
+        """Whether every vertex is within the margin of one common point of the motion seen."""
+        offset = x - self._seen
+        squared = float(np.vdot(self._motion, self._motion))
+        if squared > 0.0:
+            part = min(max(float(np.vdot(offset, self._motion)) / squared, 0.0), 1.0)
+            offset = offset - part * self._motion
+        return bool(np.max(np.sum(offset**2, axis=1), initial=0.0) <= self._margin**2)
 
     def pairs(self, positions: Positions) -> dict[PairKind, Pairs]:
         """All pairs that may be in contact at a state."""
@@ -75,23 +82,28 @@ class StepObjective:
             PairKind.EDGE_EDGE: Pairs(found.edge_edge, found.edge_edge_count),
         }
 
-    def _active(self, positions: Positions) -> dict[PairKind, np.ndarray]:
-        """Stencil vertices (4, m) of the pairs closer than dhat."""
-        active = {}
-        for kind, pairs in self.pairs(positions).items():
-            mask, _ = kernels.find_active(positions, self.parameters, self.frame, pairs, kind=kind)
-            active[kind] = np.asarray(pairs.indices)[:, np.nonzero(np.asarray(mask))[0]]
-        return active
+    def contacts(self, positions: Positions) -> dict[PairKind, Pairs]:
+        """The pairs closer than dhat; all others have neither force nor stiffness."""
+        if self._contacts is None or not np.array_equal(self._contacts_at, positions):
+            found = {}
+            for kind, pairs in self.pairs(positions).items():
+                mask, _ = kernels.find_active(
+                    positions, self.parameters, self.frame, pairs, kind=kind
+                )
+                active = np.nonzero(np.asarray(mask))[0]
+                found[kind] = _padded(np.asarray(pairs.indices)[:, active])
+            self._contacts, self._contacts_at = found, positions.copy()
+        return self._contacts
 
     def _find_friction(self) -> tuple[Pairs, Pairs]:
         """Pairs in contact at the start of the step, with the body where it was."""
         body, self._body = self._body, np.asarray(self.frame.body_start)
         parameters = self.parameters
         self.parameters = replace(parameters, body_vertices=self.frame.body_start)
-        active = self._active(np.asarray(self.frame.step.start))
+        active = self.contacts(np.asarray(self.frame.step.start))
         self.parameters, self._body = parameters, body
-        self._candidates, self._body_moved = None, True
-        return tuple(_padded(active[kind])[0] for kind in PairKind)  # type: ignore[return-value]
+        self._candidates, self._contacts, self._body_moved = None, None, True
+        return active[PairKind.VERTEX_FACE], active[PairKind.EDGE_EDGE]
 
     def smallest_distance(self, positions: Positions) -> float:
         """Smallest distance of all candidate pairs [m]; infinite where there are none."""
@@ -119,7 +131,7 @@ class StepObjective:
 
     def value_and_gradient(self, positions: Positions) -> tuple[float, Positions]:
         """The energy [J] and its gradient [N]."""
-        pairs = self.pairs(positions)
+        pairs = self.contacts(positions)
         fixed = (self.parameters, self._cloth, self.frame)
         results = [kernels.elastic_gradient(positions, *fixed)]
         for kind in PairKind:
@@ -133,7 +145,7 @@ class StepObjective:
 
     def hessian_product(self, positions: Positions, direction: Positions) -> Positions:
         """The exact Hessian times a direction [N]."""
-        pairs = self.pairs(positions)
+        pairs = self.contacts(positions)
         fixed = (self.parameters, self._cloth, self.frame)
         total = np.array(kernels.elastic_product(positions, direction, *fixed))
         for kind in PairKind:
@@ -153,28 +165,29 @@ class StepObjective:
         Raises:
             LinearSolveError: it is not positive definite or not finite.
         """
-        active = self._active(positions)
-        families = [(kernels.barrier_matrix, kind, *_padded(active[kind])) for kind in PairKind]
+        active = self.contacts(positions)
+        families = [(kernels.barrier_matrix, kind, active[kind]) for kind in PairKind]
         if self.friction is not None:
             for kind, stuck in zip(PairKind, self.friction, strict=True):
-                families.append((kernels.sliding_matrix, kind, stuck, np.asarray(stuck.indices)))
-        slots = self._contact_slots([(pairs, indices) for _, _, pairs, indices in families])
+                families.append((kernels.sliding_matrix, kind, stuck))
+        slots = self._contact_slots([pairs for _, _, pairs in families])
 
         simulator = self._simulator
         fixed = (self.parameters, self._cloth, self.frame)
         values = kernels.elastic_matrix(
             positions, *fixed, simulator.slots, capacity=simulator.pattern.capacity
         )
-        for (kernel, kind, pairs, _), target in zip(families, slots, strict=True):
+        for (kernel, kind, pairs), target in zip(families, slots, strict=True):
             values = kernel(values, positions, *fixed, pairs, target, kind=kind)
         return simulator.linear_solver.factorize(upper_triangle(simulator.pattern, values))
 
-    def _contact_slots(self, families: list[tuple[Pairs, np.ndarray]]) -> list[BlockSlots]:
+    def _contact_slots(self, families: list[Pairs]) -> list[BlockSlots]:
         """Slots of contact pairs; extends the pattern where it lacks a block."""
         simulator = self._simulator
         size = simulator.pattern.size
         wanted = []
-        for pairs, indices in families:
+        for pairs in families:
+            indices = np.asarray(pairs.indices)
             used = np.arange(indices.shape[1]) < int(pairs.count)
             wanted.append(element_pairs(np.where(used, indices, size), CONTACT_PAIRS))
         found = [simulator.pattern.find(first, second) for first, second in wanted]
@@ -205,8 +218,8 @@ class StepObjective:
         )
 
 
-def _padded(indices: np.ndarray) -> tuple[Pairs, np.ndarray]:
-    """Pairs padded to a bucket, and the same indices on the host."""
+def _padded(indices: np.ndarray) -> Pairs:
+    """Pairs padded to a bucket."""
     count = indices.shape[1]
     padded = pad_columns(indices.astype(np.int32), bucket_size(count, smallest=4096))
-    return Pairs(jnp.asarray(padded), jnp.asarray(count, jnp.int32)), padded
+    return Pairs(jnp.asarray(padded), jnp.asarray(count, jnp.int32))

@@ -5,9 +5,9 @@ import sys
 
 import numpy as np
 import pypardiso
-from pypardiso.pardiso_wrapper import PyPardisoError
 import scipy.sparse
 from jaxtyping import Float
+from pypardiso.pardiso_wrapper import PyPardisoError
 
 from dress_jax.solver.linear.interface import LinearSolveError
 
