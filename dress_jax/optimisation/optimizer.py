@@ -1,0 +1,103 @@
+"""One Adam per group of unknowns, with learning rates that follow the stages of a fit (S9.12)."""
+
+import math
+from typing import cast
+
+import jax
+import jax.numpy as jnp
+import optax
+from jaxtyping import Array, Float
+
+from dress_jax.optimisation.options import FitOptions
+from dress_jax.optimisation.state import GROUPS, Unknowns, from_groups, groups
+
+# Gradients of far apart groups differ by orders of magnitude, and rates are absolute step lengths:
+# only an exact zero may fall below this.
+_EPSILON = 1e-12
+
+
+def _adam(momentum: float | Array, memory: float | Array) -> optax.GradientTransformation:
+    return optax.scale_by_adam(b1=momentum, b2=memory, eps=_EPSILON)
+
+
+def init_optimizer(unknowns: Unknowns, options: FitOptions) -> dict[str, optax.OptState]:
+    """Fresh moments for every group."""
+    transform = _adam(options.momentum, options.memory)
+    return {name: transform.init(array) for name, array in groups(unknowns).items()}
+
+
+def rates(options: FitOptions, iteration: int, scale: float) -> dict[str, float]:
+    """The learning rate of every group in one iteration.
+
+    Half a cosine from the initial rate to `final_rate` of it; zero for control points in stage one.
+    """
+    part = min(iteration / max(options.iterations, 1), 1.0)
+    decay = options.final_rate + (1.0 - options.final_rate) * 0.5 * (1.0 + math.cos(math.pi * part))
+    result = {name: getattr(options.rates, name) * decay * scale for name in GROUPS}
+    if iteration < options.stage_one:
+        result["controls"] = 0.0
+    return result
+
+
+def propose(
+    unknowns: Unknowns,
+    gradient: Unknowns,
+    optimizer: dict[str, optax.OptState],
+    options: FitOptions,
+    step_rates: dict[str, float],
+) -> tuple[Unknowns, dict[str, optax.OptState]]:
+    """The next unknowns to try.
+
+    A group whose rate is zero keeps its values and its moments, so that a group that is freed
+    later starts as a fresh one would.
+
+    Args:
+        unknowns: accepted values.
+        gradient: of the loss there.
+        optimizer: state of every group.
+        options: decays and clipping.
+        step_rates: learning rate of every group.
+    """
+    values, slopes = groups(unknowns), groups(gradient)
+    moved, states = {}, {}
+    for name in GROUPS:
+        moved[name], states[name] = values[name], optimizer[name]
+        if step_rates[name] > 0.0:
+            moved[name], states[name] = _update(
+                values[name],
+                slopes[name],
+                optimizer[name],
+                jnp.asarray(step_rates[name]),
+                jnp.asarray(options.momentum),
+                jnp.asarray(options.memory),
+                jnp.asarray(options.clip),
+            )
+    # Colours are projected onto what a picture can show.
+    moved["colors"] = jnp.clip(moved["colors"], 0.0, 1.0)
+    return from_groups(moved), states
+
+
+@jax.jit
+def _update(
+    value: Array,
+    slope: Array,
+    state: optax.ScaleByAdamState,
+    rate: Float[Array, ""],
+    momentum: Float[Array, ""],
+    memory: Float[Array, ""],
+    clip: Float[Array, ""],
+) -> tuple[Array, optax.OptState]:
+    """One Adam step of a group, its gradient shortened to `clip` times its usual length.
+
+    A single wild gradient (a fold that is about to snap) would otherwise fill the second moment
+    and stall the group for as long as the moment remembers.
+    """
+    count = jnp.asarray(state.count)
+    corrected = 1.0 - memory ** jnp.maximum(count, 1)
+    usual = jnp.sqrt(jnp.sum(cast(Array, state.nu)) / corrected)
+    length = jnp.sqrt(jnp.sum(slope**2))
+    limit = jnp.where(count > 0, clip * usual, jnp.inf)
+    over = (length > limit) & (limit > 0.0)
+    slope = jnp.where(over, limit / jnp.where(over, length, 1.0), 1.0) * slope
+    direction, following = _adam(momentum, memory).update(slope, state)  # type: ignore[arg-type]
+    return value - rate * cast(Array, direction), following

@@ -1,0 +1,113 @@
+"""Settings of a fit; the loss weights default to the paper's (S16.2), the rest is ours (S9.13)."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from dress_jax.core.errors import InputError
+from dress_jax.loss.image import COLOR_WEIGHT, MASK_WEIGHT, NORMAL_WEIGHT
+
+PAPER_WEIGHTS: Mapping[str, float] = MappingProxyType(
+    {
+        "mask": MASK_WEIGHT,
+        "color": COLOR_WEIGHT,
+        "normal": NORMAL_WEIGHT,
+        "comfort": 0.1,
+        "area_ratio": 0.01,
+        "seam_length": 0.1,
+    }
+)
+"""Weights of the terms that a fit knows: image losses (S10) and regularizers (S11, S16.2)."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LearningRates:
+    """Step lengths of the four groups of unknowns in the first iteration.
+
+    Attributes:
+        vertices: of the pattern's corners [m].
+        controls: of its control points [chord lengths].
+        log_stiffness: of the logarithms of the two stiffness factors.
+        colors: of the vertex colours, in [0, 1].
+    """
+
+    vertices: float = 4e-3
+    controls: float = 4e-3
+    log_stiffness: float = 0.05
+    colors: float = 0.05
+
+
+@dataclasses.dataclass(frozen=True)
+class FitOptions:
+    """How a pattern is fitted.
+
+    Attributes:
+        iterations: steps, accepted or not.
+        stage_one: steps with frozen control points (S9.12); they are free afterwards.
+        rates: learning rates.
+        final_rate: share of the rates left at the last iteration; they follow half a cosine.
+        weights: weight of every term by name; a term that is absent or zero is not computed.
+        views_per_iteration: how many views one iteration looks at; None for all. A subset moves
+            on through a fixed permutation of the views, so that every view has its turn.
+        seed: of that permutation.
+        momentum, memory: decay of the first and second moments of the gradient (Adam's betas).
+        clip: a group's gradient is shortened to this multiple of its recent root mean square.
+        largest_remaining_step: a drape that missed its tolerance is still used if its last Newton
+            step moved no vertex further than this [m].
+        smallest_area: least area of a rest triangle, relative to the area it was meshed with;
+            negative areas are flipped triangles (S12.4).
+        shrink, grow: factors on the learning rates after a rejected and an accepted step.
+        smallest_scale: the fit ends when rejections have shrunk the rates below this share.
+    """
+
+    iterations: int = 60
+    stage_one: int = 20
+    rates: LearningRates = dataclasses.field(default_factory=LearningRates)
+    final_rate: float = 0.1
+    weights: Mapping[str, float] = dataclasses.field(default_factory=lambda: PAPER_WEIGHTS)
+    views_per_iteration: int | None = None
+    seed: int = 0
+    momentum: float = 0.8
+    memory: float = 0.95
+    clip: float = 3.0
+    largest_remaining_step: float = 1e-3
+    smallest_area: float = 0.1
+    shrink: float = 0.5
+    grow: float = 1.5
+    smallest_scale: float = 1e-3
+
+    def __post_init__(self) -> None:
+        unknown = sorted(set(self.weights) - set(PAPER_WEIGHTS))
+        if unknown:
+            raise InputError(
+                f"unknown loss terms {unknown}",
+                where="fit options",
+                mend=f"terms are {sorted(PAPER_WEIGHTS)}",
+            )
+        amounts = dict(self.weights) | dataclasses.asdict(self.rates)
+        for name, value in amounts.items():
+            _require(math.isfinite(value) and value >= 0.0, name, value, "at least 0")
+        _require(self.iterations >= 0, "iterations", self.iterations, "at least 0")
+        _require(self.stage_one >= 0, "stage_one", self.stage_one, "at least 0")
+        views = self.views_per_iteration
+        _require(views is None or views >= 1, "views_per_iteration", views, "at least 1, or None")
+        for name in ("final_rate", "shrink", "smallest_scale"):
+            _require(0.0 < getattr(self, name) <= 1.0, name, getattr(self, name), "in (0, 1]")
+        for name in ("momentum", "memory", "smallest_area"):
+            _require(0.0 <= getattr(self, name) < 1.0, name, getattr(self, name), "in [0, 1)")
+        _require(self.shrink < 1.0, "shrink", self.shrink, "below 1")
+        _require(self.grow >= 1.0, "grow", self.grow, "at least 1")
+        _require(self.clip > 0.0, "clip", self.clip, "positive")
+        remaining = self.largest_remaining_step
+        _require(remaining >= 0.0, "largest_remaining_step", remaining, "at least 0")
+
+    @property
+    def active_weights(self) -> dict[str, float]:
+        """The terms that are computed, with their weights."""
+        return {name: float(w) for name, w in sorted(self.weights.items()) if w > 0.0}
+
+
+def _require(holds: bool, name: str, value: object, wanted: str) -> None:
+    if not holds:
+        raise InputError(f"{name} is {value}", where="fit options", mend=f"it must be {wanted}")

@@ -1,0 +1,191 @@
+"""One pattern, one body, one observation: what a fit works on."""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from dress_jax.core.errors import InputError
+from dress_jax.core.precision import require_float64
+from dress_jax.core.pytree import pytree
+from dress_jax.energy.cloth import Cloth, Parameters
+from dress_jax.loss.area_ratio import panel_areas
+from dress_jax.loss.seam_length import seam_ratios
+from dress_jax.optimisation.observation import Observation
+from dress_jax.optimisation.options import FitOptions
+from dress_jax.optimisation.state import FitState
+from dress_jax.pattern import (
+    Discretization,
+    EdgeTable,
+    Pattern,
+    components,
+    pattern_parameters,
+    with_parameters,
+)
+from dress_jax.render.mesh import RenderMesh, make_render_mesh
+from dress_jax.sim import Simulator
+
+
+@pytree
+class Tables:
+    """Arrays that the losses need and that never change.
+
+    Attributes:
+        garment: the welded mesh; its positions and colours are placeholders.
+        occluder: the body as it is drawn, or None.
+        cloth: topology of the garment.
+        rest_faces: panel vertices of each triangle, (f, 3).
+        face_panel: panel of each triangle, (f,).
+        component: connected component of each panel, (panels,).
+        reference_areas: areas of the panels of the initial pattern [m^2] (S21.11), (panels,).
+        edges: corners and controls of every pattern edge.
+        stitch_edges: the two edges of each stitch, (stitches, 2).
+        seam_ratios: of their lengths in the initial pattern, so that gathers stay, (stitches,).
+    """
+
+    garment: RenderMesh
+    occluder: RenderMesh | None
+    cloth: Cloth
+    rest_faces: Int[np.ndarray, "f 3"]
+    face_panel: Int[np.ndarray, " f"]
+    component: Int[np.ndarray, " panels"]
+    reference_areas: Float[Array, " panels"]
+    edges: EdgeTable
+    stitch_edges: Int[np.ndarray, "stitches 2"]
+    seam_ratios: Float[Array, " stitches"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class FitProblem:
+    """Host object made by `make_problem`.
+
+    Attributes:
+        pattern: the initial pattern.
+        discretization: of it.
+        simulator: without friction (S9.9).
+        parameters: of the first drape; rest positions and the two stiffnesses are replaced by what
+            is fitted, everything else stays.
+        observation: what the drape is compared with.
+        options: see `FitOptions`.
+        colors: vertex colours to begin with, (n, 3).
+        tables: constants of the losses.
+    """
+
+    pattern: Pattern
+    discretization: Discretization
+    simulator: Simulator
+    parameters: Parameters
+    observation: Observation
+    options: FitOptions
+    colors: Float[np.ndarray, "n 3"]
+    tables: Tables
+
+
+def make_problem(
+    pattern: Pattern,
+    discretization: Discretization,
+    simulator: Simulator,
+    parameters: Parameters,
+    observation: Observation,
+    *,
+    options: FitOptions | None = None,
+    colors: Float[np.ndarray, "n 3"] | None = None,
+    occluder: RenderMesh | None = None,
+) -> FitProblem:
+    """Put a fit together and check that its parts fit each other.
+
+    Args:
+        pattern: the pattern to begin with.
+        discretization: of the same pattern.
+        simulator: of the welded garment (`DressedGarment.cloth`), without friction.
+        parameters: fabric, pins and body.
+        observation: images to fit.
+        options: default `FitOptions()`.
+        colors: vertex colours to begin with; grey when None.
+        occluder: what hides the garment in the images; the simulator's body when None.
+
+    Raises:
+        InputError: friction is on, or the parts do not belong together.
+    """
+    require_float64("make_problem")
+    options = FitOptions() if options is None else options
+    if simulator.friction:
+        raise InputError(
+            "friction makes a drape depend on how it came about",
+            where="make_problem",
+            mend="make the simulator with friction=False",
+        )
+    start = pattern_parameters(pattern)
+    _check(discretization, simulator, parameters, start.vertices.shape[0])
+    views = options.views_per_iteration
+    if views is not None and views > observation.view_count:
+        raise InputError(
+            f"views_per_iteration is {views}, the observation has {observation.view_count} views",
+            where="fit options",
+        )
+    count = discretization.vertex_count
+    colors = np.full((count, 3), 0.5) if colors is None else np.asarray(colors, np.float64)
+    body = np.asarray(parameters.body_vertices)
+    if occluder is None and len(body):
+        occluder = make_render_mesh(jnp.asarray(body), simulator.body_faces)
+    garment = make_render_mesh(
+        jnp.zeros((count, 3)), np.asarray(discretization.faces), colors=jnp.asarray(colors)
+    )
+    stitch_edges = np.asarray(discretization.stitch_edges)
+    tables = Tables(
+        garment=garment,
+        occluder=occluder,
+        cloth=simulator.cloth,
+        rest_faces=np.asarray(discretization.rest_faces),
+        face_panel=np.asarray(discretization.face_panel),
+        component=components(discretization),
+        reference_areas=panel_areas(
+            jnp.asarray(discretization.meshed_positions),
+            np.asarray(discretization.rest_faces),
+            np.asarray(discretization.face_panel),
+            discretization.panel_count,
+        ),
+        edges=discretization.edges,
+        stitch_edges=stitch_edges,
+        seam_ratios=seam_ratios(start, discretization.edges, stitch_edges),
+    )
+    return FitProblem(
+        pattern=pattern,
+        discretization=discretization,
+        simulator=simulator,
+        parameters=parameters,
+        observation=observation,
+        options=options,
+        colors=colors,
+        tables=tables,
+    )
+
+
+def fitted_pattern(problem: FitProblem, state: FitState) -> Pattern:
+    """The problem's pattern with the corners and controls of a state (host)."""
+    return with_parameters(problem.pattern, state.unknowns.pattern)
+
+
+def _check(
+    discretization: Discretization, simulator: Simulator, parameters: Parameters, corners: int
+) -> None:
+    def mismatch(what: str) -> InputError:
+        return InputError(
+            f"{what} do not belong together",
+            where="make_problem",
+            mend="discretize, dress and simulate the same pattern",
+        )
+
+    if int(np.max(discretization.edges.vertices)) + 1 != corners:
+        raise mismatch("pattern and discretization")
+    cloth = simulator.cloth
+    if cloth.vertex_count != discretization.vertex_count or not (
+        np.array_equal(np.asarray(cloth.faces).T, np.asarray(discretization.faces))
+        and np.array_equal(np.asarray(cloth.rest_faces).T, np.asarray(discretization.rest_faces))
+    ):
+        raise mismatch("discretization and simulator")
+    if parameters.rest_positions.shape != np.shape(discretization.meshed_positions):
+        raise mismatch("discretization and parameters")
+    if parameters.body_vertices.shape[0] != len(simulator.body_areas):
+        raise mismatch("simulator and the body of the parameters")

@@ -1,0 +1,72 @@
+"""What is optimised, and everything that a fit needs to go on where it stopped."""
+
+import jax.numpy as jnp
+import optax
+from jaxtyping import Array, Float, Int
+
+from dress_jax.core.pytree import pytree
+from dress_jax.pattern.parameters import PatternParameters
+
+GROUPS = ("vertices", "controls", "log_stiffness", "colors")
+"""Groups of unknowns, each with a learning rate and an optimiser state of its own."""
+
+
+@pytree
+class Unknowns:
+    """The optimised quantities (S9.1), or a gradient in them.
+
+    Attributes:
+        pattern: corners [m] and control points [chord lengths].
+        log_stiffness: logarithms of the factors on the stretching and the bending stiffness, (2,);
+            so both stay positive (S9.14).
+        colors: RGB of the garment's vertices, (n, 3).
+    """
+
+    pattern: PatternParameters
+    log_stiffness: Float[Array, "2"]
+    colors: Float[Array, "n 3"]
+
+
+@pytree
+class FitState:
+    """A fit between two iterations; the unknowns are always ones that drape without intersections.
+
+    Attributes:
+        unknowns: last accepted values.
+        gradient: of the loss there.
+        positions: the drape there, and the start of the next one (S9.5) [m], (n, 3).
+        optimizer: state of the optimiser of each group, by name.
+        iteration: steps so far, accepted or not, ().
+        rate_scale: factor on all learning rates, lowered by rejected steps, ().
+    """
+
+    unknowns: Unknowns
+    gradient: Unknowns
+    positions: Float[Array, "n 3"]
+    optimizer: dict[str, optax.OptState]
+    iteration: Int[Array, ""]
+    rate_scale: Float[Array, ""]
+
+
+def groups(unknowns: Unknowns) -> dict[str, Array]:
+    """The unknowns by the names of `GROUPS`."""
+    return {
+        "vertices": unknowns.pattern.vertices,
+        "controls": unknowns.pattern.controls,
+        "log_stiffness": unknowns.log_stiffness,
+        "colors": unknowns.colors,
+    }
+
+
+def from_groups(arrays: dict[str, Array]) -> Unknowns:
+    """The inverse of `groups`."""
+    return Unknowns(
+        pattern=PatternParameters(vertices=arrays["vertices"], controls=arrays["controls"]),
+        log_stiffness=arrays["log_stiffness"],
+        colors=arrays["colors"],
+    )
+
+
+def finite(unknowns: Unknowns) -> bool:
+    """Whether no number is NaN or infinite."""
+    return all(bool(jnp.all(jnp.isfinite(array))) for array in groups(unknowns).values())
