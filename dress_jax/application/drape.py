@@ -1,0 +1,283 @@
+"""From a pattern and a body to a draped garment (S8, S9.2)."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from dress_jax.application.progress import Progress, fraction, newton, silent
+from dress_jax.application.quality import drape_quality
+from dress_jax.application.wearer import Wearer
+from dress_jax.contact.barrier import ContactSettings
+from dress_jax.core.errors import InputError
+from dress_jax.core.precision import require_float64
+from dress_jax.core.pytree import replace
+from dress_jax.core.results import Result
+from dress_jax.energy.cloth import Gravity, Parameters
+from dress_jax.energy.fabric import Fabric, make_parameters, named_fabric
+from dress_jax.io.meshes import GarmentMesh
+from dress_jax.io.results import DrapedState, write_result
+from dress_jax.pattern import (
+    Discretization,
+    Pattern,
+    discretize,
+    pattern_parameters,
+    rest_positions,
+)
+from dress_jax.render.shading import label_colors, preview
+from dress_jax.sim import Simulator, make_simulator, static_solve
+from dress_jax.sim.dressing import DressedGarment, DressingOptions, dress
+from dress_jax.sim.dressing.motion import follow_body
+from dress_jax.sim.equilibrium import Report
+from dress_jax.solver import NewtonOptions
+
+EDGE_LENGTH = 0.015
+SMALLEST_EDGE_LENGTH, LARGEST_EDGE_LENGTH = 0.002, 0.2
+FABRIC = "cotton"
+
+
+@dataclasses.dataclass(frozen=True)
+class DrapeOptions:
+    """How a garment is draped.
+
+    Attributes:
+        edge_length: wanted edge length of the cloth's triangles [m].
+        fabric: a name of `energy.fabric.FABRICS`.
+        newton: stopping rule of the final drape.
+        dressing: how the garment is put on.
+        contact: lengths of the contact model, None for the default.
+    """
+
+    edge_length: float = EDGE_LENGTH
+    fabric: str = FABRIC
+    newton: NewtonOptions = dataclasses.field(default_factory=NewtonOptions)
+    dressing: DressingOptions = dataclasses.field(default_factory=DressingOptions)
+    contact: ContactSettings | None = None
+
+    def __post_init__(self) -> None:
+        if not SMALLEST_EDGE_LENGTH <= self.edge_length <= LARGEST_EDGE_LENGTH:
+            raise InputError(
+                f"the edge length is {self.edge_length}",
+                where="edge length",
+                mend=f"give metres, from {SMALLEST_EDGE_LENGTH} to {LARGEST_EDGE_LENGTH}",
+            )
+        named_fabric(self.fabric)
+
+
+@dataclasses.dataclass(frozen=True)
+class DrapeResult:
+    """A draped garment, and what is needed to drape it again.
+
+    Attributes:
+        pattern, discretization, wearer, options: what was draped.
+        dressed: the garment after dressing; `positions` below are later ones.
+        simulator, parameters: of the final solve; no friction.
+        positions: the drape [m], shape (n, 3).
+        report: how the solve went.
+    """
+
+    pattern: Pattern
+    discretization: Discretization
+    wearer: Wearer
+    options: DrapeOptions
+    dressed: DressedGarment
+    simulator: Simulator
+    parameters: Parameters
+    positions: Float[np.ndarray, "n 3"]
+    report: Report
+
+    @property
+    def good(self) -> bool:
+        """Converged and free of intersections."""
+        return self.report.converged and self.report.intersection_free
+
+
+def drape_pattern(
+    pattern: Pattern,
+    wearer: Wearer,
+    *,
+    options: DrapeOptions | None = None,
+    progress: Progress = silent,
+) -> DrapeResult:
+    """Put a garment on a body, follow the body into its pose, and let it hang under gravity.
+
+    Args:
+        pattern: the pattern, its panels placed around the body's dressing pose.
+        wearer: the body.
+        options: see `DrapeOptions`.
+        progress: told about every stage.
+
+    Returns:
+        The drape. A solve that stopped early is told by its report, not raised.
+
+    Raises:
+        InputError: the pattern cannot be meshed, or put on this body.
+        RuntimeError: 64-bit arrays are off.
+    """
+    require_float64("drape_pattern")
+    options = DrapeOptions() if options is None else options
+    fabric = named_fabric(options.fabric)
+    progress("mesh", 0, 1)
+    discretization = discretize(pattern, options.edge_length)
+    rest = np.asarray(rest_positions(pattern_parameters(pattern), discretization))
+    progress("mesh", 1, 1)
+    dressed = dress(
+        discretization,
+        rest,
+        wearer.start,
+        wearer.faces,
+        fabric=fabric,
+        settings=options.contact,
+        options=options.dressing,
+        progress=lambda stage, done: fraction(progress, stage, done),
+    )
+    dressed = _into_pose(dressed, rest, wearer, fabric, options, progress)
+    simulator = make_simulator(
+        dressed.cloth,
+        dressed.positions,
+        body_vertices=wearer.vertices,
+        body_faces=wearer.faces,
+        settings=options.contact,
+        newton=options.newton,
+        linear_solver=options.dressing.linear_solver,
+    )
+    parameters = make_parameters(
+        dressed.cloth,
+        fabric,
+        jnp.asarray(rest),
+        body_vertices=jnp.asarray(wearer.vertices),
+        pin_targets=jnp.asarray(dressed.pin_targets),
+    )
+    simulator.progress = newton(progress, "drape", options.newton.iteration_limit)
+    drape = static_solve(simulator, parameters, jnp.asarray(dressed.positions))
+    simulator.progress = None
+    return DrapeResult(
+        pattern=pattern,
+        discretization=discretization,
+        wearer=wearer,
+        options=options,
+        dressed=dressed,
+        simulator=simulator,
+        parameters=parameters,
+        positions=np.asarray(drape.positions),
+        report=drape.report,
+    )
+
+
+def _into_pose(
+    dressed: DressedGarment,
+    rest: np.ndarray,
+    wearer: Wearer,
+    fabric: Fabric,
+    options: DrapeOptions,
+    progress: Progress,
+) -> DressedGarment:
+    """The garment after the body has moved into its pose; pins ride on the body beneath them."""
+    if not len(wearer.way):
+        return dressed
+    from scipy.spatial import cKDTree
+
+    simulator = make_simulator(
+        dressed.cloth,
+        dressed.positions,
+        body_vertices=wearer.start,
+        body_faces=wearer.faces,
+        settings=options.contact,
+        linear_solver=options.dressing.linear_solver,
+    )
+    parameters = make_parameters(
+        dressed.cloth,
+        fabric,
+        jnp.asarray(rest),
+        body_vertices=jnp.asarray(wearer.start),
+        pin_targets=jnp.asarray(dressed.pin_targets),
+        gravity=Gravity.NONE,
+    )
+    positions, body, pins = dressed.positions, wearer.start, dressed.pin_targets
+    beneath = np.asarray(cKDTree(body).query(pins)[1], np.int64) if len(pins) else None
+    count = len(wearer.way)
+    for number, frame in enumerate(wearer.way):
+        fraction(progress, "pose", number / count)
+        if beneath is not None:
+            pins = pins + frame[beneath] - body[beneath]
+        parameters = replace(
+            parameters, body_vertices=jnp.asarray(body), pin_targets=jnp.asarray(pins)
+        )
+        positions = follow_body(
+            simulator, parameters, positions, frame[None], options=options.dressing.motion
+        )
+        body = frame
+    fraction(progress, "pose", 1.0)
+    return dataclasses.replace(dressed, positions=positions, pin_targets=pins)
+
+
+def draped_state(result: DrapeResult) -> DrapedState:
+    """What a result folder keeps of a drape."""
+    made = result.discretization
+    return DrapedState(
+        garment=GarmentMesh(
+            vertices=result.positions,
+            faces=np.asarray(made.faces),
+            rest_positions=np.asarray(result.parameters.rest_positions),
+            rest_faces=np.asarray(made.rest_faces),
+            panels=made.panel_names,
+            face_panels=np.asarray(made.face_panel),
+        ),
+        weld_map=np.asarray(made.weld_map),
+        seam_vertices=np.asarray(made.seam_vertices),
+        seam_offset=np.asarray(made.seam_offset),
+        pins=np.asarray(result.dressed.cloth.pins),
+        pin_targets=np.asarray(result.dressed.pin_targets),
+        body_vertices=result.wearer.vertices,
+        body_faces=result.wearer.faces,
+        settings={
+            **result.wearer.settings,
+            "edge_length": result.options.edge_length,
+            "fabric": result.options.fabric,
+            "pattern": result.pattern.source,
+        },
+    )
+
+
+def drape_report(result: DrapeResult) -> dict[str, Any]:
+    """Numbers of a drape, ready for `report.json`."""
+    report = result.report
+    return {
+        **drape_quality(draped_state(result)),
+        "converged": report.converged,
+        "result": Result(int(report.result)).message,
+        "residual": float(report.residual),
+        "newton_iterations": int(report.iterations),
+        "energy": float(report.energy),
+        "seam_gap_before_weld_m": result.dressed.seam_gap,
+        "moved_panels": list(result.dressed.moved_panels),
+        "pins": len(result.dressed.pin_targets),
+        "settings": dict(draped_state(result).settings),
+    }
+
+
+def picture(state: DrapedState, *, size: int = 512) -> np.ndarray:
+    """Front, side and back of a draped garment, panels in different colours, 8 bits."""
+    return preview(
+        (state.garment.vertices, state.garment.faces, label_colors(state.garment.face_panels)),
+        (state.body_vertices, state.body_faces),
+        size=size,
+    )
+
+
+def save_drape(folder: str | Path, result: DrapeResult, report: dict[str, Any]) -> None:
+    """Write a result folder (`io.results`).
+
+    Args:
+        folder: where to.
+        result: the drape.
+        report: from `drape_report`, with whatever else belongs into the file.
+
+    Raises:
+        InputError: the folder cannot be written to.
+    """
+    state = draped_state(result)
+    write_result(folder, state, pattern=result.pattern, preview=picture(state), report=report)

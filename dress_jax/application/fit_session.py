@@ -1,0 +1,160 @@
+"""A fit that can be stopped and resumed: what is kept on disk, and whether it still belongs (S9).
+
+    start.h5        the initial drape: mesh, pins, body
+    checkpoint.h5   state of the fit after some iteration, and its history
+
+Both are exact, and nothing else of a run enters the next iteration, so a resumed fit repeats an
+uninterrupted one bit by bit on the same machine.
+"""
+
+import dataclasses
+import hashlib
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dress_jax.application.targets import TargetViews
+from dress_jax.application.wearer import Wearer
+from dress_jax.core.errors import InputError
+from dress_jax.io.checkpoints import load_checkpoint, save_checkpoint
+from dress_jax.io.results import DrapedState, read_state, write_state
+from dress_jax.optimisation import FitInfo, FitProblem, FitState, Unknowns
+from dress_jax.optimisation.optimizer import init_optimizer
+from dress_jax.pattern import Pattern, pattern_parameters
+
+START, CHECKPOINT = "start.h5", "checkpoint.h5"
+
+History = list[dict[str, Any]]
+
+
+def fingerprint(*parts: Any) -> str:
+    """A short digest of everything a fit depends on: texts, numbers, arrays, trees of them."""
+    digest = hashlib.sha256()
+    leaves, structure = jax.tree.flatten(parts)
+    digest.update(str(structure).encode())
+    for leaf in leaves:
+        if isinstance(leaf, (jax.Array, np.ndarray)):
+            array = np.ascontiguousarray(leaf)
+            digest.update(f"{array.dtype}{array.shape}".encode())
+            digest.update(array.tobytes())
+        else:
+            digest.update(repr(leaf).encode())
+    return digest.hexdigest()[:16]
+
+
+def fit_fingerprint(
+    pattern: Pattern, wearer: Wearer, views: TargetViews, *options: Any
+) -> dict[str, str]:
+    """Digests of the inputs of a fit by name, so that a difference can be named."""
+    shape = [(p.name, p.vertices, [(e.kind, e.controls) for e in p.edges]) for p in pattern.panels]
+    seams = [repr(stitch) for stitch in pattern.stitches]
+    observation = views.observation
+    return {
+        "pattern": fingerprint(shape, seams),
+        "body": fingerprint(wearer.start, wearer.way, wearer.faces),
+        "targets": fingerprint(observation),
+        "options": fingerprint([repr(option) for option in options]),
+    }
+
+
+def save_start(folder: Path, state: DrapedState, identity: dict[str, str]) -> None:
+    """Write the initial drape; a checkpoint of an earlier fit is removed."""
+    (folder / CHECKPOINT).unlink(missing_ok=True)
+    settings = {**state.settings, "identity": identity}
+    write_state(folder / START, _with_settings(state, settings))
+
+
+def load_start(folder: Path, identity: dict[str, str]) -> DrapedState:
+    """Read the initial drape of a fit that is resumed.
+
+    Raises:
+        InputError: there is none, or it belongs to other inputs.
+    """
+    if not (folder / START).is_file():
+        raise InputError("there is nothing to resume", where=str(folder), mend="leave --resume out")
+    state = read_state(folder / START)
+    kept = state.settings.get("identity", {})
+    different = sorted(name for name in identity if kept.get(name) != identity[name])
+    if different:
+        raise InputError(
+            f"the fit to resume had another {' and '.join(different)}",
+            where=str(folder),
+            mend="give what it was started with, or leave --resume out",
+        )
+    settings = {key: value for key, value in state.settings.items() if key != "identity"}
+    return _with_settings(state, settings)
+
+
+def save_progress(folder: Path, begin: FitState, state: FitState, history: History) -> None:
+    """Write a checkpoint: the first state (to compare with), the current one, and the history."""
+    save_checkpoint(
+        folder / CHECKPOINT, {"begin": begin, "state": state}, metadata={"history": history}
+    )
+
+
+def load_progress(folder: Path, problem: FitProblem) -> tuple[FitState, FitState, History] | None:
+    """First state, current state and history, or None where no iteration was finished.
+
+    Raises:
+        InputError: the checkpoint is damaged or does not fit the problem.
+    """
+    path = folder / CHECKPOINT
+    if not path.is_file():
+        return None
+    like = blank_state(problem)
+    tree, metadata = load_checkpoint(path, {"begin": like, "state": like})
+    return tree["begin"], tree["state"], list(metadata["history"])
+
+
+def blank_state(problem: FitProblem) -> FitState:
+    """A state of the right structure; only its shapes mean something."""
+    unknowns = Unknowns(
+        pattern=pattern_parameters(problem.pattern),
+        log_stiffness=jnp.zeros(2),
+        colors=jnp.asarray(problem.colors),
+    )
+    return FitState(
+        unknowns=unknowns,
+        gradient=unknowns,
+        positions=jnp.zeros((problem.discretization.vertex_count, 3)),
+        optimizer=init_optimizer(unknowns, problem.options),
+        iteration=jnp.asarray(0),
+        rate_scale=jnp.asarray(1.0),
+    )
+
+
+def as_record(info: FitInfo, state: FitState) -> dict[str, Any]:
+    """One iteration as plain values; what was not computed is None."""
+    factors = np.exp(np.asarray(state.unknowns.log_stiffness))
+    return {
+        "iteration": info.iteration,
+        "outcome": info.outcome.name.lower(),
+        "loss": _number(info.loss),
+        "terms": {name: _number(value) for name, value in info.terms.items()},
+        "iou": _number(info.iou),
+        "newton_iterations": info.newton_iterations,
+        "remaining_step_m": _number(info.remaining_step),
+        "intersections": info.intersections,
+        "rate_scale": info.rate_scale,
+        "unfinished_contours": info.unfinished,
+        "stiffness_factors": factors.tolist(),
+        "seconds": {name: _number(value) for name, value in info.seconds.items()},
+    }
+
+
+def last_loss(history: Sequence[dict[str, Any]]) -> float | None:
+    """The loss of the last step that had one."""
+    return next((h["loss"] for h in reversed(history) if h["loss"] is not None), None)
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _with_settings(state: DrapedState, settings: dict[str, Any]) -> DrapedState:
+    return dataclasses.replace(state, settings=settings)

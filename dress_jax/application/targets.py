@@ -1,0 +1,173 @@
+"""Target views of a dressed body: drawn from a drape, and read as what a fit looks at (S6.1)."""
+
+import dataclasses
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from dress_jax.application.progress import Progress, silent
+from dress_jax.core.errors import InputError
+from dress_jax.io.images import Targets, load_targets, save_targets
+from dress_jax.io.meshes import GarmentMesh, read_garment_obj, write_garment_obj
+from dress_jax.io.results import DrapedState
+from dress_jax.optimisation.observation import Observation, make_observation
+from dress_jax.render.cameras import Camera, cameras_from_dict, cameras_to_dict, stack_cameras
+from dress_jax.render.images import check_image, render
+from dress_jax.render.mesh import make_render_mesh
+from dress_jax.render.rings import frame_body, magicman_cameras
+from dress_jax.render.shading import BODY_COLOR, GARMENT_COLOR
+
+VIEWS, SIZE = 20, 512
+TRUTH = "garment.obj"
+"""Name of the true garment in a target folder that was drawn from one."""
+
+_CORE = 0.99  # colours and normals count where the garment covers this part of a pixel
+
+_render = jax.jit(render)
+
+
+@dataclasses.dataclass(frozen=True)
+class TargetViews:
+    """What a target folder holds.
+
+    Attributes:
+        observation: the views, as a fit looks at them.
+        azimuths: name of each view [degrees].
+        has_color, has_normal: which pictures there were besides masks.
+        truth: the true garment, where the folder holds it.
+    """
+
+    observation: Observation
+    azimuths: tuple[int, ...]
+    has_color: bool
+    has_normal: bool
+    truth: GarmentMesh | None
+
+
+def ring(
+    vertices: Float[np.ndarray, "n 3"], *, views: int = VIEWS, size: int = SIZE
+) -> tuple[tuple[int, ...], list[Camera]]:
+    """MagicMan's ring of cameras around a body, and the names of its views.
+
+    View i is named by i (360 // views) degrees; that angle turns the camera towards -x, the
+    wearer's right.
+
+    Args:
+        vertices: what the frame must hold [m], shape (n, 3).
+        views: number of cameras.
+        size: image height and width [px].
+
+    Raises:
+        InputError: no views, too many, or a size that is not positive.
+    """
+    center, half_extent = frame_body(vertices)
+    cameras = magicman_cameras(views, center=center, half_extent=half_extent, size=size)
+    return tuple(i * (360 // views) for i in range(views)), cameras
+
+
+def draw_targets(
+    state: DrapedState, *, views: int = VIEWS, size: int = SIZE, progress: Progress = silent
+) -> Targets:
+    """Masks, normals and colours of a draped garment from all around.
+
+    Mask and normals show the garment where the body does not hide it; colours show both, unlit, on
+    white, so that they can be compared with the renderer's own colours.
+
+    Args:
+        state: the garment and the body.
+        views: number of cameras on the ring.
+        size: image height and width [px].
+        progress: told about every view.
+
+    Raises:
+        InputError: sizes that cannot be drawn, or a contour that could not be followed.
+    """
+    everything = np.concatenate([state.garment.vertices, state.body_vertices])
+    azimuths, cameras = ring(everything, views=views, size=size)
+    garment = make_render_mesh(
+        jnp.asarray(state.garment.vertices),
+        state.garment.faces,
+        colors=_plain(GARMENT_COLOR, len(state.garment.vertices)),
+    )
+    body = make_render_mesh(
+        jnp.asarray(state.body_vertices),
+        state.body_faces,
+        colors=_plain(BODY_COLOR, len(state.body_vertices)),
+    )
+    masks, normals, colors = [], [], []
+    for number, camera in enumerate(cameras):
+        dress = check_image(_render(camera, garment, body))
+        skin = check_image(_render(camera, body, garment))
+        white = 1.0 - np.asarray(dress.mask) - np.asarray(skin.mask)
+        masks.append(np.clip(np.asarray(dress.mask), 0.0, 1.0))
+        normals.append(np.clip(np.asarray(dress.normal), -1.0, 1.0))
+        colors.append(np.clip(np.asarray(dress.color + skin.color) + white[..., None], 0.0, 1.0))
+        progress("render", number + 1, views)
+    return Targets(
+        azimuths=azimuths,
+        cameras=tuple(cameras_to_dict(cameras)["cameras"]),
+        rgb=np.stack(colors),
+        normal=np.stack(normals),
+        mask=np.stack(masks),
+    )
+
+
+def write_targets(folder: str | Path, targets: Targets, garment: GarmentMesh | None = None) -> None:
+    """Write a target folder, with the true garment beside the pictures where it is known."""
+    if garment is not None:
+        write_garment_obj(Path(folder) / TRUTH, garment)
+    save_targets(folder, targets)
+
+
+def read_targets(folder: str | Path) -> TargetViews:
+    """Read a target folder.
+
+    Raises:
+        InputError: something is missing or malformed; masks are needed.
+    """
+    folder = Path(folder)
+    targets = load_targets(folder)
+    if targets.mask is None:
+        raise InputError(
+            "holds no masks", where=str(folder), mend="add mask/ with one picture per view"
+        )
+    if not targets.azimuths:
+        raise InputError("holds no views", where=str(folder / "cameras.json"))
+    cameras = stack_cameras(cameras_from_dict({"cameras": list(targets.cameras)}))
+    truth = folder / TRUTH
+    return TargetViews(
+        observation=as_observation(targets, cameras),
+        azimuths=targets.azimuths,
+        has_color=targets.rgb is not None,
+        has_normal=targets.normal is not None,
+        truth=read_garment_obj(truth) if truth.is_file() else None,
+    )
+
+
+def as_observation(targets: Targets, cameras: Camera) -> Observation:
+    """Target pictures as a fit looks at them.
+
+    Colours and normals count inside the garment only: a pixel on its contour shows what is behind
+    it as well.
+
+    Raises:
+        InputError: pictures and cameras that do not fit each other.
+    """
+    if targets.mask is None:
+        raise InputError("there are no masks", where="targets")
+    core = targets.mask >= _CORE
+    color = None if targets.rgb is None else targets.rgb * core[..., None]
+    normal = None
+    if targets.normal is not None:
+        # Eight bits shorten normals a little.
+        length = np.linalg.norm(targets.normal, axis=-1, keepdims=True)
+        unit = targets.normal / np.where(length > 0.0, length, 1.0)
+        normal = unit * core[..., None]
+    return make_observation(cameras, targets.mask, color=color, normal=normal, garment=core)
+
+
+def _plain(color: tuple[float, float, float], count: int) -> Float[Array, "n 3"]:
+    return jnp.tile(jnp.asarray(color, jnp.float32)[None], (count, 1))

@@ -1,0 +1,127 @@
+"""The commands `drape`, `render` and `check`. Heavy imports wait until a command runs."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from dress_jax.cli.outcome import ExitCode, command
+from dress_jax.cli.show import stages, table, wrote
+
+PatternFile = Annotated[Path, typer.Argument(help="Pattern specification (JSON).")]
+Body = Annotated[
+    str, typer.Option(help="'default', an SMPL-X .npz file, or a static mesh in metres.")
+]
+Pose = Annotated[
+    str | None,
+    typer.Option(help="Pose to end in: t, a, relaxed, arms_up, or an .npz file. Rigged bodies."),
+]
+DressingPose = Annotated[
+    str | None,
+    typer.Option(help="Pose for which the panels are placed; t unless given. Rigged bodies."),
+]
+Shape = Annotated[str, typer.Option(help="Shape of the default body, such as female, male_tall.")]
+EdgeLength = Annotated[float, typer.Option(help="Edge length of the cloth's triangles [m].")]
+FabricName = Annotated[str, typer.Option(help="cotton, denim, jersey, silk or wool.")]
+NewtonLimit = Annotated[int, typer.Option(min=1, help="Newton steps of a drape at most.")]
+Out = Annotated[Path, typer.Option(help="Folder for the results; made where it is missing.")]
+
+
+@command
+def drape(
+    pattern: PatternFile,
+    out: Out,
+    body: Body = "default",
+    pose: Pose = None,
+    dressing_pose: DressingPose = None,
+    shape: Shape = "average",
+    edge_length: EdgeLength = 0.015,
+    fabric: FabricName = "cotton",
+    newton_limit: NewtonLimit = 300,
+) -> ExitCode:
+    """Put a garment on a body and let it hang: meshes, pictures and a report."""
+    from dress_jax.application.drape import (
+        DrapeOptions,
+        drape_pattern,
+        drape_report,
+        save_drape,
+    )
+    from dress_jax.application.wearer import find_wearer
+    from dress_jax.io.patterns import load_pattern
+    from dress_jax.io.results import prepare_folder
+    from dress_jax.io.timing import stopwatch
+    from dress_jax.solver import NewtonOptions
+
+    options = DrapeOptions(
+        edge_length=edge_length,
+        fabric=fabric,
+        newton=NewtonOptions(iteration_limit=newton_limit),
+    )
+    document = load_pattern(pattern)
+    prepare_folder(out)
+    wearer = find_wearer(body, pose=pose, shape=shape, dressing_pose=dressing_pose)
+    with stopwatch() as seconds, stages() as progress:
+        result = drape_pattern(document, wearer, options=options, progress=progress)
+    report = drape_report(result)
+    report["seconds"] = {"compile": seconds.compile, "run": seconds.run}
+    save_drape(out, result, report)
+    table(pattern.stem, _summary(report))
+    wrote(out)
+    return ExitCode.DONE if result.good else ExitCode.NOT_SOUND
+
+
+@command
+def render(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that `drape` wrote.")],
+    out: Annotated[Path, typer.Option(help="Folder for the target views.")],
+    views: Annotated[int, typer.Option(min=1, max=360, help="Cameras around the body.")] = 20,
+    size: Annotated[int, typer.Option(min=16, max=4096, help="Height and width [px].")] = 512,
+) -> ExitCode:
+    """Draw masks, normals and colours of a result from all around, as targets for `fit`."""
+    from dress_jax.application.targets import draw_targets, write_targets
+    from dress_jax.io.results import prepare_folder, read_result
+
+    state, _ = read_result(folder)
+    prepare_folder(out)
+    with stages() as progress:
+        targets = draw_targets(state, views=views, size=size, progress=progress)
+    write_targets(out, targets, state.garment)
+    wrote(out)
+    return ExitCode.DONE
+
+
+@command
+def check(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that `drape` wrote.")],
+) -> ExitCode:
+    """Recount intersections and seams of a result exactly, by other code than the solver's."""
+    from dress_jax.application.check import check_result
+
+    counts = check_result(folder)
+    rows = [
+        ("vertices / faces", *(f"{c.vertices} / {c.faces}" for c in counts)),
+        ("intersections with itself", *(c.self_intersections for c in counts)),
+        ("intersections with the body", *(c.body_intersections for c in counts)),
+        ("smallest distance [mm]", *(1e3 * c.min_distance for c in counts)),
+        ("seams", *(c.seams for c in counts)),
+        ("open seams", *(c.open_seams for c in counts)),
+        ("largest seam gap [mm]", *(1e3 * c.seam_gap for c in counts)),
+        ("boundary loops", *(c.boundary_loops for c in counts)),
+        ("intersection-free", *(c.intersection_free for c in counts)),
+    ]
+    table(str(folder), rows, header=("", *(c.source for c in counts)))
+    return ExitCode.DONE if all(c.good for c in counts) else ExitCode.NOT_SOUND
+
+
+def _summary(report: dict[str, Any]) -> dict[str, Any]:
+    crossings, seconds = report["intersections"], report["seconds"]
+    return {
+        "vertices / faces": f"{report['vertices']} / {report['faces']}",
+        "panels / seams": f"{report['panels']} / {report['seams']}",
+        "intersections": f"{crossings['self']} self, {crossings['body']} body",
+        "smallest distance [mm]": 1e3 * report["min_distance_m"],
+        "converged": "yes" if report["converged"] else f"no: {report['result']}",
+        "Newton steps": report["newton_iterations"],
+        "largest / median strain": f"{report['max_strain']:.1%} / {report['median_strain']:.1%}",
+        "seconds": f"{seconds['compile']:.1f} compiling, {seconds['run']:.1f} running",
+    }

@@ -1,0 +1,138 @@
+"""The commands `fit` and `demo`. Heavy imports wait until a command runs."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from dress_jax.cli.draping import (
+    Body,
+    DressingPose,
+    EdgeLength,
+    FabricName,
+    NewtonLimit,
+    Out,
+    PatternFile,
+    Pose,
+    Shape,
+)
+from dress_jax.cli.outcome import ExitCode, command
+from dress_jax.cli.show import stages, table, wrote
+
+
+@command
+def fit(
+    pattern: PatternFile,
+    targets: Annotated[Path, typer.Option(help="Folder of target views, as `render` writes.")],
+    out: Out,
+    body: Body = "default",
+    pose: Pose = None,
+    dressing_pose: DressingPose = None,
+    shape: Shape = "average",
+    edge_length: EdgeLength = 0.015,
+    fabric: FabricName = "cotton",
+    newton_limit: NewtonLimit = 300,
+    iterations: Annotated[int, typer.Option(min=0, help="Steps of the optimisation.")] = 60,
+    views_per_iteration: Annotated[
+        int | None, typer.Option(min=1, help="Views that one step looks at; all unless given.")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on where --out stopped.")] = False,
+    truth: Annotated[
+        Path | None, typer.Option(help="The true pattern (JSON), to measure against.")
+    ] = None,
+) -> ExitCode:
+    """Fit a pattern to target views. Ctrl-C stops with a checkpoint; --resume goes on exactly."""
+    from dress_jax.application.drape import DrapeOptions
+    from dress_jax.application.fit import FitInterrupted, fit_pattern, fit_report, scheduled
+    from dress_jax.application.fit_files import save_fit
+    from dress_jax.application.targets import read_targets
+    from dress_jax.application.wearer import find_wearer
+    from dress_jax.io.patterns import load_pattern
+    from dress_jax.io.results import prepare_folder
+    from dress_jax.io.timing import stopwatch
+    from dress_jax.solver import NewtonOptions
+
+    drape_options = DrapeOptions(
+        edge_length=edge_length,
+        fabric=fabric,
+        newton=NewtonOptions(iteration_limit=newton_limit),
+    )
+    fit_options = scheduled(iterations, views_per_iteration=views_per_iteration)
+    start = load_pattern(pattern)
+    true_pattern = None if truth is None else load_pattern(truth)
+    views = read_targets(targets)
+    prepare_folder(out)
+    wearer = find_wearer(body, pose=pose, shape=shape, dressing_pose=dressing_pose)
+    try:
+        with stopwatch() as seconds, stages() as progress:
+            result = fit_pattern(
+                start,
+                wearer,
+                views,
+                out,
+                drape_options=drape_options,
+                fit_options=fit_options,
+                truth=true_pattern,
+                resume=resume,
+                progress=progress,
+            )
+    except FitInterrupted as stop:
+        typer.echo(f"{stop}; add --resume to go on from there", err=True)
+        return ExitCode.INTERRUPTED
+    report = fit_report(result)
+    report["seconds"] = {"compile": seconds.compile, "run": seconds.run}
+    save_fit(out, result, report)
+    table(pattern.stem, summary(report), header=("", "start", "end"))
+    wrote(out)
+    return ExitCode.DONE if result.good else ExitCode.NOT_SOUND
+
+
+@command
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("dress-jax-demo"),
+) -> ExitCode:
+    """Drape a dress, photograph it, and recover its pattern from wrong measurements."""
+    from dress_jax.application.demo import run_demo
+    from dress_jax.io.results import prepare_folder
+    from dress_jax.io.timing import stopwatch
+
+    prepare_folder(out)
+    with stopwatch() as seconds, stages() as progress:
+        result = run_demo(out, progress=progress)
+    rows = summary(result.report)
+    rows.append(("seconds", f"{seconds.compile:.0f} compiling", f"{seconds.run:.0f} running"))
+    table("a dress, recovered from wrong measurements", rows, header=("", "start", "end"))
+    wrote(
+        out / "fit" / "comparison.png",
+        out / "fit" / "loss.png",
+        out / "observed" / "preview.png",
+        out / "targets",
+        out / "fit" / "report.json",
+    )
+    return ExitCode.DONE if result.good else ExitCode.NOT_SOUND
+
+
+def summary(report: dict[str, Any]) -> list[tuple[Any, ...]]:
+    """Rows of name, start and end."""
+    losses = [value for value in report["loss"] if value is not None]
+    crossings = report["intersections"]
+    rows: list[tuple[Any, ...]] = [
+        ("loss", losses[0] if losses else None, losses[-1] if losses else None),
+        ("mask IoU", report["iou"]["start"], report["iou"]["end"]),
+    ]
+    if report["chamfer_cm"]:
+        rows.append(("Chamfer distance [cm]", *_ends(report["chamfer_cm"])))
+    if report["edge_length_error"]:
+        start, end = _ends(report["edge_length_error"])
+        for name in ("median", "max"):
+            rows.append((f"edge length error, {name}", f"{start[name]:.1%}", f"{end[name]:.1%}"))
+    rows += [
+        ("iterations, of them rejected", report["iterations"], report["rejected"]),
+        ("intersections (self, body)", crossings["self"], crossings["body"]),
+        ("converged", None, report["converged"]),
+    ]
+    return rows
+
+
+def _ends(pair: dict[str, Any]) -> tuple[Any, Any]:
+    return pair["start"], pair["end"]
