@@ -1,0 +1,116 @@
+"""The fit command: files, report, interruption and exact resumption."""
+
+import json
+import shutil
+
+import jax
+import numpy as np
+import pytest
+
+from dress_jax.application import fit as fit_module
+from dress_jax.application.fit_session import fingerprint
+from dress_jax.io.patterns import load_pattern, save_pattern
+from dress_jax.pattern.scaling import scaled
+
+EDGE_LENGTH = 0.06
+ITERATIONS = 3
+
+
+def test_fingerprints_tell_inputs_apart():
+    base = fingerprint({"a": np.arange(3.0)}, "text", 1)
+    assert base == fingerprint({"a": np.arange(3.0)}, "text", 1)
+    assert base != fingerprint({"a": np.arange(3.0) + 1e-12}, "text", 1)
+    assert base != fingerprint({"a": np.arange(3)}, "text", 1)
+    assert base != fingerprint({"b": np.arange(3.0)}, "text", 1)
+
+
+@pytest.fixture(scope="module")
+def fitted(draped, inputs, run, tmp_path_factory):
+    """A short fit of a skirt that is too short: its folder, and the command to repeat it."""
+    root = tmp_path_factory.mktemp("fit")
+    save_pattern(
+        scaled(load_pattern(inputs / "skirt.json"), {"*": (1.0, 0.9)}), root / "start.json"
+    )
+    assert (
+        run("render", draped[0], "--views", 4, "--size", 64, "--out", root / "targets").exit_code
+        == 0
+    )
+    command = (
+        *("fit", root / "start.json", "--targets", root / "targets"),
+        *("--body", inputs / "body.obj", "--edge-length", EDGE_LENGTH),
+        *("--iterations", ITERATIONS, "--truth", inputs / "skirt.json"),
+    )
+    result = run(*command, "--out", root / "whole")
+    assert result.exit_code == 0, result.output
+    return root, command
+
+
+@pytest.mark.slow
+def test_a_fit_writes_every_file_and_gets_better(fitted):
+    folder = fitted[0] / "whole"
+    names = {path.name for path in folder.iterdir()}
+    assert names >= {
+        *("pattern.json", "pattern.svg", "garment.obj", "garment.glb", "body.obj", "drape.h5"),
+        *("preview.png", "loss.png", "comparison.png", "report.json", "checkpoint.h5"),
+    }
+    report = json.loads((folder / "report.json").read_text())
+    assert len(report["loss"]) == report["iterations"] == ITERATIONS
+    assert report["intersections"] == {"self": 0, "body": 0}
+    assert report["iou"]["end"] > report["iou"]["start"]
+    assert report["chamfer_cm"]["end"] < report["chamfer_cm"]["start"]
+    errors = report["edge_length_error"]
+    assert set(errors) == {"start", "end"}
+    assert errors["start"]["max"] == pytest.approx(0.1, abs=0.02)
+    assert report["versions"]["jax"]
+    assert set(report["seconds"]) == {"compile", "run"}
+
+
+@pytest.mark.slow
+def test_an_interrupted_fit_resumes_exactly(fitted, run, monkeypatch):
+    root, command = fitted
+    whole = fit_module.fit
+
+    def stopping(problem, state, *, on_iteration, clock):
+        def after(state, info):
+            on_iteration(state, info)
+            if info.iteration == 0:
+                raise KeyboardInterrupt
+
+        return whole(problem, state, on_iteration=after, clock=clock)
+
+    monkeypatch.setattr(fit_module, "fit", stopping)
+    out = root / "stopped"
+    first = run(*command, "--out", out)
+    assert first.exit_code == 130
+    assert "--resume" in first.stderr
+    assert not (out / "report.json").exists()
+    monkeypatch.setattr(fit_module, "fit", whole)
+
+    other = run(
+        *(*command[:-1], root / "start.json"), "--fabric", "denim", "--resume", "--out", out
+    )
+    assert other.exit_code == 2
+    assert "options" in other.stderr
+
+    assert run(*command, "--resume", "--out", out).exit_code == 0
+    expected = json.loads((root / "whole" / "report.json").read_text())
+    resumed = json.loads((out / "report.json").read_text())
+    assert len(resumed["loss"]) == ITERATIONS
+    if jax.default_backend() == "cpu":
+        # Bit by bit from the same start; the two starts come from the same deterministic drape.
+        assert resumed["loss"] == pytest.approx(expected["loss"], rel=1e-6)
+
+
+@pytest.mark.slow
+def test_resuming_twice_gives_the_same_numbers(fitted, run):
+    """A checkpoint holds everything: the tail of a fit repeats bit by bit."""
+    root, command = fitted
+    reports = []
+    for name in ("once", "twice"):
+        folder = shutil.copytree(root / "whole", root / name)
+        (folder / "checkpoint.h5").unlink()  # back to the start, which `start.h5` holds
+        assert run(*command, "--resume", "--out", folder).exit_code == 0
+        reports.append(json.loads((folder / "report.json").read_text()))
+    first, second = reports
+    assert first["loss"] == second["loss"]
+    assert first["iou"] == second["iou"]
