@@ -32,8 +32,8 @@ def bending_energy(
 ) -> Float[Array, ""]:
     """Sum over hinges of k_b/2 theta^2 e/h [J].
 
-    With h = (A1 + A2) / (3 e) this is k_b/2 times the squared curvature, integrated, so k_b is the
-    flexural rigidity of the cloth [N m]. The rest angle is zero.
+    With h = (A1 + A2) / e this is k_b/2 times the squared curvature of a rolled sheet, integrated,
+    so k_b is the flexural rigidity of the cloth [N m]. The rest angle is zero.
 
     Args:
         positions: components (3 of (n,)) of the vertices [m].
@@ -44,21 +44,17 @@ def bending_energy(
     return jnp.sum(0.5 * bending_stiffness * weights * angle**2)
 
 
-def bending_blocks(
+def bending_vectors(
     positions: Components,
     hinges: Int[Array, "4 h"],
     weights: Float[Array, " h"],
     bending_stiffness: Float[Array, ""] | Float[Array, " h"],
-) -> list[list[list[Array]]]:
-    """Gauss-Newton blocks k_b e/h grad(theta) grad(theta)^T of every hinge, positive semidefinite.
+) -> tuple[Float[Array, "4 3 h"], Float[Array, " h"]]:
+    """The Gauss-Newton Hessian s v v^T of every hinge, positive semidefinite.
 
     Returns:
-        For each pair in `HINGE_PAIRS` a 3x3 nested list of (h,) arrays [N/m].
+        v = grad(theta) per stencil vertex [1/m], and s = k_b e/h [N m].
     """
     stencil = [c.gather(positions, hinges[k]) for k in range(4)]
     gradient = jax.grad(lambda points: jnp.sum(hinge_angle(*points)))(stencil)
-    stiffness = bending_stiffness * weights
-    return [
-        [[stiffness * gradient[p][i] * gradient[q][j] for j in range(3)] for i in range(3)]
-        for p, q in HINGE_PAIRS
-    ]
+    return jnp.stack([jnp.stack(point) for point in gradient]), bending_stiffness * weights

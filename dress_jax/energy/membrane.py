@@ -139,7 +139,28 @@ TRIANGLE_PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _SMALLEST_STRETCH = 1e-9  # a triangle this thin is refused before the solve; only guards 0/0
 
 
-def membrane_blocks(
+class MembraneFrame(NamedTuple):
+    """A triangle's Hessian in the frame of its singular vectors.
+
+    Attributes:
+        axes: left singular vectors u1, u2 and the normal, components (f,) each.
+        alpha, beta: shape gradients of the corners along the right singular vectors, (3, f).
+        s11, s22, s12: stretch block; twist, flip; n1, n2: normal modes; all times k_s A, (f,).
+    """
+
+    axes: tuple[Components, Components, Components]
+    alpha: Float[Array, "3 f"]
+    beta: Float[Array, "3 f"]
+    s11: Array
+    s22: Array
+    s12: Array
+    twist: Array
+    flip: Array
+    n1: Array
+    n2: Array
+
+
+def membrane_frame(
     positions: Components,
     faces: Int[Array, "3 f"],
     rest: RestTriangles,
@@ -148,14 +169,11 @@ def membrane_blocks(
     model: MembraneModel,
     *,
     project: bool = True,
-) -> list[list[list[Array]]]:
-    """Hessian blocks of every triangle, projected to positive semidefinite in closed form.
+) -> MembraneFrame:
+    """Hessians of all triangles, projected to positive semidefinite in closed form.
 
     In the frame of the singular vectors the Hessian of an isotropic density falls into a 2x2
     stretch block, a twist, a flip and two normal modes; each is clamped on its own.
-
-    Returns:
-        For each pair in `TRIANGLE_PAIRS` a 3x3 nested list of (f,) arrays [N/m].
     """
     corners = tuple(c.gather(positions, faces[k]) for k in range(3))
     f1, f2 = deformation_gradient(corners, rest)
@@ -168,39 +186,59 @@ def membrane_blocks(
     cos, sin = jnp.cos(angle), jnp.sin(angle)
     u1 = c.scale(1.0 / s1, c.add(c.scale(cos, f1), c.scale(sin, f2)))
     u2 = c.scale(1.0 / s2, c.subtract(c.scale(cos, f2), c.scale(sin, f1)))
-    normal = c.cross(u1, u2)
 
     d = singular_derivatives(model, s1, s2, poisson_ratio)
     s11, s22, s12 = d.d11, d.d22, d.d12
-    twist, flip, n1, n2 = d.twist, d.flip, d.d1 / s1, d.d2 / s2
+    modes = (d.twist, d.flip, d.d1 / s1, d.d2 / s2)
     if project:
         s11, s22, s12 = _project_symmetric(s11, s22, s12)
-        twist, flip, n1, n2 = (jnp.maximum(value, 0.0) for value in (twist, flip, n1, n2))
-    mean, difference = 0.5 * (flip + twist), 0.5 * (flip - twist)
+        modes = tuple(jnp.maximum(mode, 0.0) for mode in modes)
 
     i00, i01, i10, i11 = rest.inverse
     shape = [(-i00 - i10, -i01 - i11), (i00, i01), (i10, i11)]
-    alpha = [g[0] * cos + g[1] * sin for g in shape]
-    beta = [g[1] * cos - g[0] * sin for g in shape]
     stiffness = stretching_stiffness * rest.areas
+    return MembraneFrame(
+        (u1, u2, c.cross(u1, u2)),
+        jnp.stack([g[0] * cos + g[1] * sin for g in shape]),
+        jnp.stack([g[1] * cos - g[0] * sin for g in shape]),
+        *(stiffness * value for value in (s11, s22, s12, *modes)),
+    )
 
-    blocks = []
-    for p, q in TRIANGLE_PAIRS:
-        aa, bb = stiffness * alpha[p] * alpha[q], stiffness * beta[p] * beta[q]
-        ab, ba = stiffness * alpha[p] * beta[q], stiffness * beta[p] * alpha[q]
-        k11, k22 = s11 * aa + mean * bb, s22 * bb + mean * aa
-        k12, k21 = s12 * ab + difference * ba, s12 * ba + difference * ab
-        k33 = n1 * aa + n2 * bb
-        left1 = [k11 * u1[j] + k12 * u2[j] for j in range(3)]
-        left2 = [k21 * u1[j] + k22 * u2[j] for j in range(3)]
-        left3 = [k33 * normal[j] for j in range(3)]
-        blocks.append(
-            [
-                [u1[i] * left1[j] + u2[i] * left2[j] + normal[i] * left3[j] for j in range(3)]
-                for i in range(3)
-            ]
-        )
-    return blocks
+
+def membrane_blocks(
+    frame: MembraneFrame,
+    alpha: tuple[Float[Array, "pairs f"], Float[Array, "pairs f"]],
+    beta: tuple[Float[Array, "pairs f"], Float[Array, "pairs f"]],
+) -> list[list[Array]]:
+    """Hessian blocks of pairs of corners.
+
+    Args:
+        frame: see `membrane_frame`.
+        alpha, beta: its shape gradients at the first and the second corner of each pair.
+
+    Returns:
+        A 3x3 nested list of (pairs, f) arrays [N/m].
+    """
+    u1, u2, normal = frame.axes
+    aa, bb, ab, ba = (
+        alpha[0] * alpha[1],
+        beta[0] * beta[1],
+        alpha[0] * beta[1],
+        beta[0] * alpha[1],
+    )
+    mean, difference = 0.5 * (frame.flip + frame.twist), 0.5 * (frame.flip - frame.twist)
+    k11, k22 = frame.s11 * aa + mean * bb, frame.s22 * bb + mean * aa
+    k12, k21 = frame.s12 * ab + difference * ba, frame.s12 * ba + difference * ab
+    k33 = frame.n1 * aa + frame.n2 * bb
+    return [
+        [
+            u1[i] * (k11 * u1[j] + k12 * u2[j])
+            + u2[i] * (k21 * u1[j] + k22 * u2[j])
+            + normal[i] * k33 * normal[j]
+            for j in range(3)
+        ]
+        for i in range(3)
+    ]
 
 
 def principal_stretches(

@@ -62,7 +62,10 @@ def hinge_weights(
     hinge_faces: Int[Array, "2 h"],
     hinge_corners: Int[Array, "2 h"],
 ) -> Float[Array, " h"]:
-    """The dimensionless weight e/h = 3 e^2 / (A1 + A2) of each hinge.
+    """The dimensionless weight e/h = e^2 / (A1 + A2) of each hinge, h the two heights' mean.
+
+    C-IPC takes a third of that h; a rolled sheet of equilateral triangles then has three times its
+    flexural energy.
 
     The shared edge may have two rest lengths where a seam joins panels of different length (a
     gather); their mean is used.
@@ -80,4 +83,4 @@ def hinge_weights(
         edge = c.subtract(end, start)
         lengths.append(jnp.sqrt(c.dot(edge, edge)))
     length = 0.5 * (lengths[0] + lengths[1])
-    return 3.0 * length**2 / (areas[hinge_faces[0]] + areas[hinge_faces[1]])
+    return length**2 / (areas[hinge_faces[0]] + areas[hinge_faces[1]])

@@ -19,10 +19,11 @@ from dress_jax.core.errors import InputError
 from dress_jax.core.precision import require_float64
 from dress_jax.core.pytree import pytree
 from dress_jax.core.results import Result
-from dress_jax.energy.cloth import Cloth, Parameters
+from dress_jax.energy.cloth import Parameters
 from dress_jax.energy.elastic import TimeStep
 from dress_jax.geometry.intersection import count_intersections
-from dress_jax.sim.kernels import Frame, Pairs, total_energy
+from dress_jax.sim import kernels
+from dress_jax.sim.kernels import Frame
 from dress_jax.sim.objective import StepObjective
 from dress_jax.sim.simulator import Simulator
 from dress_jax.solver.conjugate_gradient import conjugate_gradient
@@ -191,20 +192,11 @@ def _backward(simulator, residuals, cotangents):
     objective, factorization = kept.value
     cotangent = np.asarray(cotangents[0])
     adjoint = solve_adjoint(objective, np.asarray(positions), cotangent, factorization)
-    pairs = objective.contacts(np.asarray(positions))
     return mixed_product(
+        objective,
         jnp.asarray(adjoint),
         positions,
-        start,
-        velocity,
-        parameters,
-        body_start,
-        inverse_step,
-        simulator.cloth,
-        simulator.body_areas,
-        simulator.settings,
-        (pairs[PairKind.VERTEX_FACE], pairs[PairKind.EDGE_EDGE]),
-        objective.friction,
+        (start, velocity, parameters, body_start, inverse_step),
     )
 
 
@@ -245,32 +237,65 @@ def solve_adjoint(objective, positions, cotangent, factorization) -> np.ndarray:
     return np.full_like(cotangent, np.nan)
 
 
-@jax.jit
+Inputs = tuple[Array, Array, Parameters, Array, Array]
+
+
 def mixed_product(
+    objective: StepObjective,
     adjoint: Float[Array, "n 3"],
     positions: Float[Array, "n 3"],
-    start: Float[Array, "n 3"],
-    velocity: Float[Array, "n 3"],
-    parameters: Parameters,
-    body_start: Float[Array, "b 3"],
-    inverse_step: Float[Array, ""],
-    cloth: Cloth,
-    body_areas: Float[Array, " b"],
-    settings,
-    pairs: tuple[Pairs, Pairs],
-    friction: tuple[Pairs, Pairs] | None,
-):
-    """Minus the adjoint times the derivative of the gradient in every parameter (S2.7, S2.9)."""
+    inputs: Inputs,
+) -> Inputs:
+    """Minus the adjoint times the derivative of the gradient in every input (S2.7, S2.9).
 
-    def work(start, velocity, parameters, body_start, inverse_step):
-        """Force along the adjoint: its gradient in the parameters is what is wanted."""
+    Each energy is compiled apart, like the pieces of the forward solve.
+
+    Args:
+        adjoint: H^-1 times the cotangent.
+        positions: the solution.
+        inputs: start, velocity, parameters, body_start and inverse_step.
+
+    Returns:
+        Cotangents of the inputs.
+    """
+    simulator, frame = objective.simulator, objective.frame
+    fixed = (adjoint, positions, simulator.cloth, frame.body_areas, frame.settings)
+    contacts = objective.contacts(np.asarray(positions))
+    parts = [_mixed_elastic(inputs, *fixed)]
+    parts += [_mixed_barrier(inputs, *fixed, contacts[kind], kind=kind) for kind in PairKind]
+    if objective.friction is not None:
+        parts += [
+            _mixed_sliding(inputs, *fixed, pairs, kind=kind)
+            for kind, pairs in zip(PairKind, objective.friction, strict=True)
+        ]
+    return jax.tree.map(lambda *leaves: -sum(leaves[1:], leaves[0]), *parts)
+
+
+def _mixed(energy, inputs: Inputs, adjoint, positions, cloth, body_areas, settings, **pairs):
+    """Gradient in the inputs of the force along the adjoint."""
+
+    def work(inputs: Inputs):
+        start, velocity, parameters, body_start, inverse_step = inputs
         frame = Frame(TimeStep(start, velocity, inverse_step), body_start, body_areas, settings)
 
-        def energy(x):
-            return total_energy(x, parameters, cloth, frame, *pairs, friction)
+        def along(x):
+            return energy(x, parameters, cloth, frame, **pairs)
 
-        return -jax.jvp(energy, (positions,), (adjoint,))[1]
+        return jax.jvp(along, (positions,), (adjoint,))[1]
 
-    return jax.grad(work, argnums=(0, 1, 2, 3, 4))(
-        start, velocity, parameters, body_start, inverse_step
-    )
+    return jax.grad(work)(inputs)
+
+
+_mixed_elastic = jax.jit(functools.partial(_mixed, kernels.frame_energy))
+
+
+@functools.partial(jax.jit, static_argnames="kind")
+def _mixed_barrier(inputs, adjoint, positions, cloth, body_areas, settings, pairs, *, kind):
+    fixed = (inputs, adjoint, positions, cloth, body_areas, settings)
+    return _mixed(kernels.barrier_energy, *fixed, pairs=pairs, kind=kind)
+
+
+@functools.partial(jax.jit, static_argnames="kind")
+def _mixed_sliding(inputs, adjoint, positions, cloth, body_areas, settings, pairs, *, kind):
+    fixed = (inputs, adjoint, positions, cloth, body_areas, settings)
+    return _mixed(kernels.sliding_energy, *fixed, pairs=pairs, kind=kind)

@@ -22,12 +22,19 @@ from dress_jax.contact.potential import (
 )
 from dress_jax.core import components as c
 from dress_jax.core.pytree import pytree
-from dress_jax.energy.bending import HINGE_PAIRS, bending_blocks
+from dress_jax.energy.bending import HINGE_PAIRS, bending_vectors
 from dress_jax.energy.cloth import Cloth, Parameters, vertex_masses
 from dress_jax.energy.elastic import TimeStep, elastic_energy, rest_hinges
-from dress_jax.energy.membrane import TRIANGLE_PAIRS, membrane_blocks
+from dress_jax.energy.membrane import TRIANGLE_PAIRS, membrane_blocks, membrane_frame
 from dress_jax.energy.rest import rest_triangles, vertex_areas
-from dress_jax.solver.block_matrix import BlockSlots, Values, empty_values, scatter_blocks
+from dress_jax.solver.block_matrix import (
+    BlockSlots,
+    Values,
+    empty_values,
+    first_and_second,
+    scatter_blocks,
+    scatter_outer,
+)
 
 
 @pytree
@@ -135,31 +142,15 @@ def sliding_energy(
     return friction_energy(*arguments, kind=kind)
 
 
-def total_energy(
-    positions: Float[Array, "n 3"],
-    parameters: Parameters,
-    cloth: Cloth,
-    frame: Frame,
-    vertex_face: Pairs,
-    edge_edge: Pairs,
-    friction: tuple[Pairs, Pairs] | None,
+def frame_energy(
+    positions: Float[Array, "n 3"], parameters: Parameters, cloth: Cloth, frame: Frame
 ) -> Float[Array, ""]:
-    """The whole incremental potential (S1.2), as one function for the adjoint."""
-    total = elastic_energy(positions, frame.step, parameters, cloth)
-    for kind, pairs in ((PairKind.VERTEX_FACE, vertex_face), (PairKind.EDGE_EDGE, edge_edge)):
-        total = total + barrier_energy(positions, parameters, cloth, frame, pairs, kind=kind)
-    if friction is not None:
-        for kind, pairs in zip(PairKind, friction, strict=True):
-            total = total + sliding_energy(positions, parameters, cloth, frame, pairs, kind=kind)
-    return total
-
-
-def _elastic(positions: Array, parameters: Parameters, cloth: Cloth, frame: Frame) -> Array:
+    """The energy without contact [J]."""
     return elastic_energy(positions, frame.step, parameters, cloth)
 
 
-elastic_value = jax.jit(_elastic)
-elastic_gradient = jax.jit(jax.value_and_grad(_elastic))
+elastic_value = jax.jit(frame_energy)
+elastic_gradient = jax.jit(jax.value_and_grad(frame_energy))
 barrier_value = jax.jit(barrier_energy, static_argnames="kind")
 sliding_value = jax.jit(sliding_energy, static_argnames="kind")
 
@@ -181,7 +172,7 @@ def elastic_product(positions, direction, parameters, cloth, frame):
     """Exact Hessian of the elastic energy times a direction."""
 
     def gradient(x):
-        return jax.grad(_elastic)(x, parameters, cloth, frame)
+        return jax.grad(frame_energy)(x, parameters, cloth, frame)
 
     return jax.jvp(gradient, (positions,), (direction,))[1]
 
@@ -227,35 +218,40 @@ def elastic_matrix(
     x = c.split(positions)
     rest = rest_triangles(parameters.rest_positions, cloth.rest_faces)
     values = empty_values(capacity)
-    values = scatter_blocks(
-        values,
-        membrane_blocks(
-            x,
-            cloth.faces,
-            rest,
-            parameters.stretching_stiffness,
-            parameters.poisson_ratio,
-            cloth.membrane,
-        ),
-        slots.triangles,
+    triangles = membrane_frame(
+        x,
+        cloth.faces,
+        rest,
+        parameters.stretching_stiffness,
+        parameters.poisson_ratio,
+        cloth.membrane,
     )
-    values = scatter_blocks(
-        values,
-        bending_blocks(
-            x, cloth.hinges, rest_hinges(parameters, cloth), parameters.bending_stiffness
-        ),
-        slots.hinges,
+    blocks = membrane_blocks(
+        jax.tree.map(_row, triangles),
+        first_and_second(triangles.alpha, TRIANGLE_PAIRS, slots.triangles),
+        first_and_second(triangles.beta, TRIANGLE_PAIRS, slots.triangles),
     )
+    values = scatter_blocks(values, blocks, slots.triangles.slots)
+    vectors, stiffness = bending_vectors(
+        x, cloth.hinges, rest_hinges(parameters, cloth), parameters.bending_stiffness
+    )
+    values = scatter_outer(values, vectors, stiffness, HINGE_PAIRS, slots.hinges)
     masses = vertex_masses(parameters, cloth) * frame.step.inverse_step**2
-    signs = (1.0, -1.0, 1.0)  # of the pairs (0, 0), (0, 1), (1, 1) of a stitch
-    out = list(values)
-    for k in range(3):
-        total = out[4 * k].at[slots.diagonal].add(masses)
-        total = total.at[slots.pins].add(parameters.pin_stiffness)
-        for pair, sign in enumerate(signs):
-            total = total.at[slots.stitches.slots[pair]].add(sign * parameters.stitch_stiffness)
-        out[4 * k] = total
-    return tuple(out)
+    isotropic = jnp.eye(3).reshape(1, 9)
+
+    def add(values: Values, slots: Array, amounts: Array) -> Values:
+        return values.at[slots].add(jnp.broadcast_to(amounts, slots.shape)[:, None] * isotropic)
+
+    values = add(values, slots.diagonal, masses)
+    values = add(values, slots.pins, parameters.pin_stiffness)
+    for pair, sign in enumerate((1.0, -1.0, 1.0)):  # pairs (0, 0), (0, 1), (1, 1) of a stitch
+        values = add(values, slots.stitches.slots[pair], sign * parameters.stitch_stiffness)
+    return values
+
+
+def _row(array: Array) -> Array:
+    """Values per triangle, ready to be combined with values per pair and triangle."""
+    return array[None, :] if array.ndim == 1 else array
 
 
 @functools.partial(jax.jit, static_argnames="kind")
@@ -280,12 +276,8 @@ def barrier_matrix(
         frame.settings,
         kind=kind,
     )
-    outer = [[stiffness * normal[i] * normal[j] for j in range(3)] for i in range(3)]
-    blocks = [
-        [[weights[p] * weights[q] * outer[i][j] for j in range(3)] for i in range(3)]
-        for p, q in CONTACT_PAIRS
-    ]
-    return scatter_blocks(values, blocks, slots)
+    vectors = weights[:, None, :] * jnp.stack(normal)[None]
+    return scatter_outer(values, vectors, stiffness, CONTACT_PAIRS, slots)
 
 
 @functools.partial(jax.jit, static_argnames="kind")
@@ -303,15 +295,13 @@ def sliding_matrix(
     """Add the blocks of friction."""
     arguments = _friction_arguments(positions, parameters, cloth, frame, pairs)
     weights, normal, stiffness = friction_blocks(*arguments, kind=kind)
-    outer = [
-        [stiffness * ((1.0 if i == j else 0.0) - normal[i] * normal[j]) for j in range(3)]
+    first, second = first_and_second(weights, CONTACT_PAIRS, slots)
+    scale = first * second * stiffness[None, :]
+    blocks = [
+        [scale * ((1.0 if i == j else 0.0) - (normal[i] * normal[j])[None, :]) for j in range(3)]
         for i in range(3)
     ]
-    blocks = [
-        [[weights[p] * weights[q] * outer[i][j] for j in range(3)] for i in range(3)]
-        for p, q in CONTACT_PAIRS
-    ]
-    return scatter_blocks(values, blocks, slots)
+    return scatter_blocks(values, blocks, slots.slots)
 
 
 __all__ = [

@@ -29,7 +29,7 @@ class StepObjective:
     """
 
     def __init__(self, simulator: Simulator, parameters: Parameters, frame: Frame):
-        self._simulator = simulator
+        self.simulator = simulator
         self._cloth = simulator.cloth
         self.parameters = parameters
         self.frame = frame
@@ -53,7 +53,7 @@ class StepObjective:
         if self._candidates is not None and self._covers(start) and self._covers(end):
             return
         rows = find_candidates(
-            self._simulator.broad_phase,
+            self.simulator.broad_phase,
             np.concatenate([start, self._body]),
             np.concatenate([end, self._body]),
             self._reach + 2.0 * self._margin,
@@ -172,7 +172,7 @@ class StepObjective:
                 families.append((kernels.sliding_matrix, kind, stuck))
         slots = self._contact_slots([pairs for _, _, pairs in families])
 
-        simulator = self._simulator
+        simulator = self.simulator
         fixed = (self.parameters, self._cloth, self.frame)
         values = kernels.elastic_matrix(
             positions, *fixed, simulator.slots, capacity=simulator.pattern.capacity
@@ -183,7 +183,7 @@ class StepObjective:
 
     def _contact_slots(self, families: list[Pairs]) -> list[BlockSlots]:
         """Slots of contact pairs; extends the pattern where it lacks a block."""
-        simulator = self._simulator
+        simulator = self.simulator
         size = simulator.pattern.size
         wanted = []
         for pairs in families:
@@ -213,7 +213,7 @@ class StepObjective:
                 jnp.asarray(np.concatenate([positions, self._body])),
                 jnp.asarray(np.concatenate([displacement, still])),
                 self._candidates,
-                min_distance=self._simulator.settings.thickness,
+                min_distance=self.simulator.settings.thickness,
             )
         )
 

@@ -1,13 +1,12 @@
 """Symmetric sparse matrices of 3x3 blocks: pattern on the host, values on the device.
 
-Elements know the slots of their vertex pairs; assembling is a scatter-add per component, and the
+Elements know the slots of their vertex pairs; assembling is one scatter-add per family, and the
 step from blocks to compressed rows is one precomputed gather.
 """
 
 import dataclasses
 from collections.abc import Sequence
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
@@ -39,7 +38,7 @@ class BlockPattern:
         capacity: length of the value arrays; at least one slot is spare and takes what belongs
             to fixed vertices.
         indptr, indices: compressed rows of the scalar upper triangle.
-        entry: for each stored scalar its position in the flattened (9, capacity) values.
+        entry: for each stored scalar its position in the flattened (capacity, 9) values.
     """
 
     size: int
@@ -93,7 +92,7 @@ def block_pattern(
     i, j = i.ravel(), j.ravel()
     scalar_rows = 3 * rows[:, None] + i
     scalar_cols = 3 * cols[:, None] + j
-    entry = (3 * i + j) * capacity + np.arange(len(unique))[:, None]
+    entry = (3 * i + j) + 9 * np.arange(len(unique))[:, None]
     upper = scalar_cols >= scalar_rows
     scalar_rows, scalar_cols, entry = scalar_rows[upper], scalar_cols[upper], entry[upper]
     order = np.argsort(scalar_rows * (3 * size) + scalar_cols, kind="stable")
@@ -127,44 +126,65 @@ def element_slots(pattern: BlockPattern, elements: np.ndarray, pairs: Sequence) 
     return BlockSlots(jnp.asarray(slots), jnp.asarray(transposed))
 
 
-Values = tuple[Array, ...]
+Values = Float[Array, "capacity 9"]
 
 
 def empty_values(capacity: int) -> Values:
-    """Nine zero arrays, component (i, j) at position 3 i + j."""
-    return tuple(jnp.zeros(capacity) for _ in range(9))
+    """Zero blocks, component (i, j) in column 3 i + j."""
+    return jnp.zeros((capacity, 9))
 
 
-def scatter_blocks(
-    values: Values, blocks: Sequence[Sequence[Sequence[Array]]], target: BlockSlots
-) -> Values:
-    """Add element blocks to the values.
+def scatter_blocks(values: Values, blocks: Sequence[Sequence[Array]], slots: Array) -> Values:
+    """Add element blocks to the values with one scatter of whole rows.
 
     Args:
-        blocks: for each pair a 3x3 nested list of (m,) arrays.
+        blocks: 3x3 nested sequence of (pairs, m) arrays, already transposed where the slots say.
+        slots: slot of each pair, (pairs, m).
     """
-    out = list(values)
-    for i in range(3):
-        for j in range(3):
-            total = out[3 * i + j]
-            for pair, block in enumerate(blocks):
-                if i == j:
-                    value = block[i][i]
-                else:
-                    value = jnp.where(target.transposed[pair], block[j][i], block[i][j])
-                total = total.at[target.slots[pair]].add(value)
-            out[3 * i + j] = total
-    return tuple(out)
+    rows = jnp.stack([blocks[i][j].ravel() for i in range(3) for j in range(3)], axis=1)
+    return values.at[slots.ravel()].add(rows)
 
 
-@jax.jit
-def flatten_values(values: Values) -> Float[Array, " 9c"]:
-    """The values as one array, as `BlockPattern.entry` counts."""
-    return jnp.concatenate(values)
+def first_and_second(
+    stencil: Float[Array, "k *c m"], pairs: Sequence[tuple[int, int]], target: BlockSlots
+) -> tuple[Array, Array]:
+    """Per pair the values of its first and second vertex, swapped where the block is transposed.
+
+    Args:
+        stencil: something per stencil vertex and element, (k, m) or (k, c, m).
+
+    Returns:
+        Two arrays (pairs, m) or (pairs, c, m).
+    """
+    first = stencil[np.array([p for p, _ in pairs])]
+    second = stencil[np.array([q for _, q in pairs])]
+    swap = target.transposed
+    if stencil.ndim == 3:
+        swap = swap[:, None, :]
+    return jnp.where(swap, second, first), jnp.where(swap, first, second)
+
+
+def scatter_outer(
+    values: Values,
+    vectors: Float[Array, "k 3 m"],
+    stiffness: Float[Array, " m"],
+    pairs: Sequence[tuple[int, int]],
+    target: BlockSlots,
+) -> Values:
+    """Add blocks s v_p v_q^T of rank-one element Hessians.
+
+    Args:
+        vectors: v per stencil vertex.
+        stiffness: s per element.
+    """
+    first, second = first_and_second(vectors, pairs, target)
+    scaled = first * stiffness[None, None, :]
+    blocks = [[scaled[:, i] * second[:, j] for j in range(3)] for i in range(3)]
+    return scatter_blocks(values, blocks, target.slots)
 
 
 def upper_triangle(pattern: BlockPattern, values: Values) -> scipy.sparse.csr_matrix:
     """The upper triangle as a scalar sparse matrix."""
-    data = np.take(np.asarray(flatten_values(values)), pattern.entry)
+    data = np.take(np.asarray(values).ravel(), pattern.entry)
     shape = (3 * pattern.size, 3 * pattern.size)
     return scipy.sparse.csr_matrix((data, pattern.indices, pattern.indptr), shape=shape)

@@ -70,7 +70,8 @@ class NewtonProgress(NamedTuple):
     step_size: float  # longest vertex displacement of the full step [m]
     step_length: float  # accepted fraction of the step
     bound: float  # admissible fraction of the step
-    exact: bool
+    exact: bool  # whether the exact Hessian gave the direction
+    positions: Positions
 
 
 @dataclasses.dataclass(frozen=True)
@@ -161,19 +162,26 @@ def minimize(
             direction = direction * (options.longest_step / size)
         bound = objective.step_bound(x, direction)
         slope = float(np.vdot(gradient, direction))
-        slack = _ROUNDING * abs(energy)
+        rounding = _ROUNDING * abs(energy)
         fraction = bound
-        while True:
-            trial = objective.value(x + fraction * direction)
-            if trial <= energy + _ARMIJO * fraction * slope + slack:
-                break
-            fraction *= 0.5
-            if fraction < _SHORTEST_FRACTION * bound:
+        if abs(slope) <= rounding:
+            # The energy can no longer tell a step from its own rounding, the gradient still can.
+            trial_energy, trial_gradient = objective.value_and_gradient(x + bound * direction)
+            if not np.linalg.norm(trial_gradient) < np.linalg.norm(gradient):
                 return finish(Result.LINE_SEARCH_STALLED, iteration)
+        else:
+            while True:
+                trial = objective.value(x + fraction * direction)
+                if trial <= energy + _ARMIJO * fraction * slope + rounding:
+                    break
+                fraction *= 0.5
+                if fraction < _SHORTEST_FRACTION * bound:
+                    return finish(Result.LINE_SEARCH_STALLED, iteration)
+            trial_energy, trial_gradient = objective.value_and_gradient(x + fraction * direction)
         x = x + fraction * direction
-        energy, gradient = objective.value_and_gradient(x)
+        energy, gradient = trial_energy, trial_gradient
         if progress is not None:
-            progress(NewtonProgress(iteration + 1, energy, size, fraction, bound, exact))
+            progress(NewtonProgress(iteration + 1, energy, size, fraction, bound, exact, x))
     return finish(Result.ITERATION_LIMIT, options.iteration_limit)
 
 

@@ -1,0 +1,186 @@
+"""The drape's derivatives against central differences of the converged solve, with contact."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from dress_jax.core.pytree import replace
+from dress_jax.energy.fabric import make_parameters
+from dress_jax.sim import State, static_solve, step
+from dress_jax.sim.equilibrium import AdjointWarning
+from tests.sim.scenes import SOFT, draped_sheet
+
+# Fourth-order differences of a solve converged to 1e-12 m: the noise of the solve over the step.
+ADJOINT_TOLERANCE = 1e-5
+
+# Differentiated leaf and the step of its finite difference, large against the noise of the solve
+# and small against the scale on which the drape bends.
+LEAVES = {
+    "rest_positions": 1e-6,
+    "density": 2e-5,
+    "stretching_stiffness": 1e-2,
+    "bending_stiffness": 1e-8,
+    "gravity": 1e-4,
+    "pin_targets": 1e-6,
+    "pin_stiffness": 1.0,
+    "body_vertices": 1e-6,
+    "barrier_stiffness": 1.0,
+}
+
+
+def central_difference(function, size: float) -> float:
+    """Fourth-order central difference at zero."""
+    one, two = function(size) - function(-size), function(2 * size) - function(-2 * size)
+    return float((8 * one - two) / (12 * size))
+
+
+@pytest.fixture(scope="module")
+def drape():
+    cloth, simulator, rest, start, body = draped_sheet()
+    parameters = make_parameters(
+        cloth,
+        SOFT,
+        rest,
+        body_vertices=body,
+        pin_targets=start[np.asarray(cloth.pins)],
+    )
+    result = static_solve(simulator, parameters, start)
+    assert result.report.converged
+    assert result.report.intersection_free
+    # The barrier is at work: without contact these tests would prove little.
+    settings = simulator.settings
+    assert float(result.report.smallest_distance) < float(settings.dhat + settings.thickness)
+    weights = jnp.asarray(np.sin(np.arange(result.positions.size)).reshape(-1, 3))
+    return simulator, parameters, result, weights
+
+
+@pytest.fixture(scope="module")
+def gradient(drape):
+    simulator, parameters, result, weights = drape
+
+    def loss(p):
+        return jnp.sum(weights * static_solve(simulator, p, result.positions).positions)
+
+    return loss, jax.grad(loss)(parameters)
+
+
+@pytest.mark.parametrize("name", LEAVES)
+def test_adjoint_equals_finite_differences(drape, gradient, name):
+    """S2.4, S2.5, S2.7, S2.9 for every continuous parameter."""
+    _, parameters, _, _ = drape
+    loss, derivative = gradient
+    leaf = getattr(parameters, name)
+    direction = jnp.asarray(np.cos(1.0 + np.arange(leaf.size)).reshape(leaf.shape))
+    exact = float(jnp.sum(getattr(derivative, name) * direction))
+
+    def moved(t):
+        return loss(replace(parameters, **{name: leaf + t * direction}))
+
+    measured = central_difference(moved, LEAVES[name])
+    assert abs(exact) > 0.0
+    assert abs(exact - measured) <= ADJOINT_TOLERANCE * abs(measured)
+
+
+def test_start_carries_no_derivative(drape):
+    """S9.4: zero by definition."""
+    simulator, parameters, result, weights = drape
+    derivative = jax.grad(
+        lambda x: jnp.sum(weights * static_solve(simulator, parameters, x).positions)
+    )(result.positions)
+    assert not np.any(np.asarray(derivative))
+
+
+def test_projected_hessian_gives_a_wrong_adjoint(drape, gradient):
+    """S2.8: with the projected Hessian in place of the exact one the derivative is off."""
+    from dress_jax.energy.elastic import TimeStep
+    from dress_jax.sim.equilibrium import solve_adjoint
+    from dress_jax.sim.kernels import Frame
+    from dress_jax.sim.objective import StepObjective
+
+    simulator, parameters, result, weights = drape
+    still = jnp.zeros_like(result.positions)
+    frame = Frame(
+        TimeStep(result.positions, still, jnp.asarray(1.0)),
+        parameters.body_vertices,
+        simulator.body_areas,
+        simulator.settings,
+    )
+    objective = StepObjective(simulator, parameters, frame)
+    x = np.asarray(result.positions)
+    factorization = objective.factorize(x)
+    exact = solve_adjoint(objective, x, np.asarray(weights), factorization)
+    projected = factorization.solve(np.asarray(weights).ravel()).reshape(x.shape)
+    difference = np.linalg.norm(exact - projected) / np.linalg.norm(exact)
+    assert difference > 100 * ADJOINT_TOLERANCE
+
+
+def test_failed_adjoint_is_not_a_number(drape, monkeypatch):
+    simulator, parameters, result, weights = drape
+    monkeypatch.setattr("dress_jax.sim.equilibrium._ADJOINT_LIMIT", 1)
+    with pytest.warns(AdjointWarning, match="gradient is NaN"):
+        derivative = jax.grad(
+            lambda p: jnp.sum(weights * static_solve(simulator, p, result.positions).positions)
+        )(parameters)
+    assert np.all(np.isnan(np.asarray(derivative.rest_positions)))
+
+
+@pytest.mark.parametrize("which", ["positions", "velocities"])
+@pytest.mark.parametrize("output", ["positions", "velocities"])
+def test_steps_carry_derivatives_through_time(which, output):
+    """S2.6, S2.7, S2.12: a loss on the end of three steps, in the initial state."""
+    cloth, simulator, rest, start, body = draped_sheet(tolerance=1e-12)
+    parameters = make_parameters(
+        cloth,
+        SOFT,
+        rest,
+        body_vertices=body,
+        pin_targets=start[np.asarray(cloth.pins)],
+    )
+    weights = jnp.asarray(np.sin(np.arange(start.size)).reshape(-1, 3))
+    direction = jnp.asarray(np.cos(np.arange(start.size)).reshape(-1, 3))
+    initial = State(jnp.asarray(start), jnp.zeros_like(jnp.asarray(start)))
+
+    def loss(t):
+        state = replace(initial, **{which: getattr(initial, which) + t * direction})
+        for _ in range(3):
+            state, _ = step(simulator, state, parameters, time_step=0.05)
+        return jnp.sum(weights * getattr(state, output))
+
+    exact = float(jax.grad(loss)(0.0))
+    measured = central_difference(loss, 1e-6 if which == "positions" else 1e-5)
+    assert abs(exact) > 0.0
+    assert abs(exact - measured) <= ADJOINT_TOLERANCE * abs(measured)
+
+
+def test_parameters_through_a_chain_of_steps():
+    """S2.12 with friction: the rest shape of a dynamic chain."""
+    cloth, simulator, rest, start, body = draped_sheet(tolerance=1e-12, friction=True)
+    parameters = make_parameters(
+        cloth,
+        SOFT,
+        rest,
+        body_vertices=body,
+        pin_targets=start[np.asarray(cloth.pins)],
+    )
+    weights = jnp.asarray(np.sin(np.arange(start.size)).reshape(-1, 3))
+    initial = State(jnp.asarray(start), jnp.zeros_like(jnp.asarray(start)))
+    for _ in range(4):  # into contact
+        initial, report = step(simulator, initial, parameters, time_step=0.05)
+    settings = simulator.settings
+    assert float(report.smallest_distance) < float(settings.dhat + settings.thickness)
+
+    def loss(values):
+        p = replace(parameters, friction_coefficient=values[0], density=values[1])
+        state = initial
+        for _ in range(2):
+            state, _ = step(simulator, state, p, time_step=0.05)
+        return jnp.sum(weights * state.positions)
+
+    at = jnp.asarray([0.3, 0.2])
+    exact = np.asarray(jax.grad(loss)(at))
+    for index, size in enumerate((1e-3, 1e-4)):
+        unit = jnp.zeros(2).at[index].set(1.0)
+        measured = central_difference(lambda t, unit=unit: loss(at + t * unit), size)
+        assert abs(exact[index]) > 0.0
+        assert abs(exact[index] - measured) <= ADJOINT_TOLERANCE * abs(measured)
