@@ -3,7 +3,6 @@
 import json
 import shutil
 
-import jax
 import numpy as np
 import pytest
 
@@ -67,7 +66,11 @@ def test_a_fit_writes_every_file_and_gets_better(fitted):
 
 @pytest.mark.slow
 def test_an_interrupted_fit_resumes_exactly(fitted, run, monkeypatch):
+    """From the same initial drape, stopping in between changes no bit."""
     root, command = fitted
+    out = root / "stopped"
+    out.mkdir()
+    shutil.copy(root / "whole" / "start.h5", out)
     whole = fit_module.fit
 
     def stopping(problem, state, *, on_iteration, clock):
@@ -79,38 +82,18 @@ def test_an_interrupted_fit_resumes_exactly(fitted, run, monkeypatch):
         return whole(problem, state, on_iteration=after, clock=clock)
 
     monkeypatch.setattr(fit_module, "fit", stopping)
-    out = root / "stopped"
-    first = run(*command, "--out", out)
-    assert first.exit_code == 130
-    assert "--resume" in first.stderr
+    stopped = run(*command, "--resume", "--out", out)
+    assert stopped.exit_code == 130
+    assert "--resume" in stopped.stderr
     assert not (out / "report.json").exists()
     monkeypatch.setattr(fit_module, "fit", whole)
 
-    other = run(
-        *(*command[:-1], root / "start.json"), "--fabric", "denim", "--resume", "--out", out
-    )
+    other = run(*command, "--fabric", "denim", "--resume", "--out", out)
     assert other.exit_code == 2
     assert "options" in other.stderr
 
     assert run(*command, "--resume", "--out", out).exit_code == 0
     expected = json.loads((root / "whole" / "report.json").read_text())
     resumed = json.loads((out / "report.json").read_text())
-    assert len(resumed["loss"]) == ITERATIONS
-    if jax.default_backend() == "cpu":
-        # Bit by bit from the same start; the two starts come from the same deterministic drape.
-        assert resumed["loss"] == pytest.approx(expected["loss"], rel=1e-6)
-
-
-@pytest.mark.slow
-def test_resuming_twice_gives_the_same_numbers(fitted, run):
-    """A checkpoint holds everything: the tail of a fit repeats bit by bit."""
-    root, command = fitted
-    reports = []
-    for name in ("once", "twice"):
-        folder = shutil.copytree(root / "whole", root / name)
-        (folder / "checkpoint.h5").unlink()  # back to the start, which `start.h5` holds
-        assert run(*command, "--resume", "--out", folder).exit_code == 0
-        reports.append(json.loads((folder / "report.json").read_text()))
-    first, second = reports
-    assert first["loss"] == second["loss"]
-    assert first["iou"] == second["iou"]
+    for key in ("loss", "iou", "chamfer_cm", "edge_length_error"):
+        assert resumed[key] == expected[key], key
