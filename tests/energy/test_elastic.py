@@ -1,0 +1,163 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from energy_scenes import columns, garment
+from jax.test_util import check_grads
+
+from dress_jax.core import components as c
+from dress_jax.core.errors import InputError
+from dress_jax.core.pytree import replace
+from dress_jax.energy.cloth import Gravity, make_cloth, vertex_masses
+from dress_jax.energy.elastic import TERMS, elastic_energy
+from dress_jax.energy.fabric import FABRICS, Fabric, make_parameters, named_fabric
+from dress_jax.energy.membrane import MembraneModel
+from dress_jax.energy.rest import rest_triangles
+
+# Central differences with step 1e-4 on quantities of order one: error 1e-8 from the next term of
+# the series, times third derivatives of up to a hundred.
+FINITE_DIFFERENCE = 1e-5
+
+
+def test_derivatives_of_every_term():
+    """In the positions and in every continuous parameter at once, to second order.
+
+    The terms are one vector, so that forward mode compares each of them on its own; the second
+    order is that of the force of their sum, in everything, as an adjoint needs it.
+    """
+    cloth, parameters, step, positions = garment()
+    stiff, _, _, _ = garment(MembraneModel.NEO_HOOKEAN)
+
+    @jax.jit
+    def terms(x, parameters):
+        values = [term(c.split(x), step, parameters, cloth) for term in TERMS.values()]
+        return jnp.stack([*values, TERMS["membrane"](c.split(x), step, parameters, stiff)])
+
+    arguments = (jnp.asarray(positions), parameters)
+    tolerances = {"eps": 1e-4, "atol": FINITE_DIFFERENCE, "rtol": FINITE_DIFFERENCE}
+    check_grads(terms, arguments, order=1, modes=["fwd", "rev"], **tolerances)
+    force = jax.jit(jax.grad(lambda x, parameters: terms(x, parameters).sum()))
+    check_grads(force, arguments, order=1, modes=["fwd"], **tolerances)
+
+
+# The parameters that each term must carry a derivative to.
+LEAVES = {
+    "inertia": {"rest_positions", "density"},
+    "weight": {"rest_positions", "density", "gravity"},
+    "membrane": {"rest_positions", "stretching_stiffness"},
+    "bending": {"rest_positions", "bending_stiffness"},
+    "pins": {"pin_targets", "pin_stiffness"},
+    "stitches": {"stitch_stiffness"},
+}
+
+
+def test_which_parameters_a_term_depends_on():
+    """S9.7: mass, stencil stiffness and rest shape all carry a derivative to the rest shape."""
+    cloth, parameters, step, positions = garment()
+
+    @jax.jit
+    @jax.jacrev
+    def derivatives(parameters):
+        x = columns(positions)
+        return {name: term(x, step, parameters, cloth) for name, term in TERMS.items()}
+
+    for name, gradient in derivatives(parameters).items():
+        found = {key for key, leaf in vars(gradient).items() if np.any(np.asarray(leaf) != 0.0)}
+        assert found == LEAVES[name], name
+
+
+def test_neo_hookean_depends_on_the_poisson_ratio():
+    cloth, parameters, step, positions = garment(MembraneModel.NEO_HOOKEAN)
+    gradient = jax.grad(lambda p: TERMS["membrane"](columns(positions), step, p, cloth))(parameters)
+    assert float(gradient.poisson_ratio) != 0.0
+
+
+def test_inertia_and_weight_are_backward_euler():
+    """Free fall: the minimum of inertia and weight is x^n + h v^n + h^2 g (S1.3)."""
+    cloth, parameters, step, _ = garment()
+    h = 1.0 / float(step.inverse_step)
+    end = step.start + h * step.velocity + h**2 * parameters.gravity[None]
+
+    def energy(x):
+        columns = c.split(x)
+        return sum(TERMS[name](columns, step, parameters, cloth) for name in ("inertia", "weight"))
+
+    np.testing.assert_allclose(jax.jit(jax.grad(energy))(end), 0.0, atol=1e-14)
+
+
+def test_no_inertia_in_a_static_solve():
+    cloth, parameters, step, positions = garment()
+    static = replace(step, inverse_step=jnp.asarray(0.0), velocity=jnp.zeros_like(step.velocity))
+    assert float(TERMS["inertia"](columns(positions), static, parameters, cloth)) == 0.0
+
+
+def test_pins_and_stitches():
+    cloth, parameters, step, positions = garment()
+    offset = positions[[0, 6]] - np.asarray(parameters.pin_targets)
+    gap = positions[[0, 6]] - positions[[2, 8]]
+    for name, vector, stiffness in (("pins", offset, 1.7), ("stitches", gap, 0.9)):
+        value = TERMS[name](columns(positions), step, parameters, cloth)
+        np.testing.assert_allclose(value, 0.5 * stiffness * np.sum(vector**2), rtol=1e-14)
+
+
+def test_total_is_the_sum_of_the_terms():
+    cloth, parameters, step, positions = garment()
+    terms = sum(float(term(columns(positions), step, parameters, cloth)) for term in TERMS.values())
+    total = elastic_energy(jnp.asarray(positions), step, parameters, cloth)
+    np.testing.assert_allclose(total, terms, rtol=1e-14)
+
+
+def test_lumped_mass_is_density_times_area():
+    """S1.4, with one density and with one per triangle."""
+    cloth, parameters, _, _ = garment()
+    areas = np.asarray(rest_triangles(parameters.rest_positions, cloth.rest_faces).areas)
+    masses = vertex_masses(parameters, cloth)
+    assert masses.shape == (9,) and np.all(masses > 0.0)
+    np.testing.assert_allclose(masses.sum(), 0.7 * areas.sum(), rtol=1e-14)
+    density = np.linspace(0.1, 0.9, len(areas))
+    varied = vertex_masses(replace(parameters, density=jnp.asarray(density)), cloth)
+    np.testing.assert_allclose(varied.sum(), density @ areas, rtol=1e-14)
+
+
+def test_order_of_the_triangles_does_not_matter():
+    cloth, parameters, step, positions = garment()
+    rng = np.random.default_rng(2)
+    faces = np.asarray(cloth.faces).T[rng.permutation(cloth.faces.shape[1])]
+    faces = np.roll(faces, 1, axis=1)
+    other = make_cloth(faces, pins=np.asarray(cloth.pins), stitches=np.asarray(cloth.stitches).T)
+    energies = [
+        float(elastic_energy(jnp.asarray(positions), step, parameters, mesh))
+        for mesh in (cloth, other)
+    ]
+    assert energies[0] == pytest.approx(energies[1], rel=1e-13)
+
+
+def test_empty_pins_and_stitches():
+    cloth, parameters, step, positions = garment()
+    bare = make_cloth(np.asarray(cloth.faces).T)
+    fabric = make_parameters(bare, named_fabric("cotton"), parameters.rest_positions)
+    for name in ("pins", "stitches"):
+        assert float(TERMS[name](columns(positions), step, fabric, bare)) == 0.0
+
+
+def test_fabrics_and_their_faults():
+    for fabric in FABRICS.values():
+        assert fabric.density > 0.0
+    np.testing.assert_array_equal(Gravity.DOWN.value, (0.0, -9.81, 0.0))
+    with pytest.raises(InputError, match="choose one of"):
+        named_fabric("chainmail")
+    good = {"density": 0.1, "stretching_stiffness": 1.0, "bending_stiffness": 1.0}
+    for bad in (
+        {"density": 0.0},
+        {"stretching_stiffness": -1.0},
+        {"bending_stiffness": float("nan")},
+        {"poisson_ratio": 1.0},
+        {"friction": -0.1},
+    ):
+        with pytest.raises(InputError):
+            Fabric(**{**good, **bad})
+
+
+def test_mismatched_rest_triangles_are_refused():
+    with pytest.raises(InputError, match="rest triangles"):
+        make_cloth(np.array([[0, 1, 2]]), np.array([[0, 1, 2], [1, 2, 3]]))
