@@ -20,6 +20,7 @@ from dress_jax.optimisation.report import FitInfo
 from dress_jax.optimisation.state import FitState, Unknowns
 from dress_jax.optimisation.trial import Clock, try_unknowns
 from dress_jax.pattern import pattern_parameters
+from dress_jax.sim import static_solve
 
 
 def init(
@@ -41,8 +42,11 @@ def init(
         log_stiffness=jnp.zeros(2),
         colors=jnp.asarray(problem.colors),
     )
-    trial = try_unknowns(problem, unknowns, jnp.asarray(positions, float), iteration=0, clock=clock)
-    if trial.positions is None or trial.gradient is None:
+    # The step of 1 s damps a long way to the equilibrium; the second drape starts close to it.
+    simulator = dataclasses.replace(problem.simulator)
+    settled = static_solve(simulator, problem.parameters, jnp.asarray(positions, float))
+    trial = try_unknowns(problem, unknowns, settled.positions, iteration=0, clock=clock)
+    if trial.gradient is None or trial.positions is None:
         result = trial.info.solve_result
         raise InputError(
             f"the initial pattern does not drape: {trial.info.outcome.value}"
@@ -83,7 +87,7 @@ def step(
     trial = try_unknowns(problem, unknowns, state.positions, iteration=iteration, clock=clock)
     info = dataclasses.replace(trial.info, rate_scale=scale)
     following = jnp.asarray(iteration + 1)
-    if trial.positions is None or trial.gradient is None:
+    if trial.gradient is None or trial.positions is None:
         shrunk = jnp.asarray(scale * options.shrink)
         return replace(state, iteration=following, rate_scale=shrunk), info
     return (

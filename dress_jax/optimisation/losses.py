@@ -19,6 +19,8 @@ from dress_jax.pattern.parameters import PatternParameters
 from dress_jax.render.images import render
 from dress_jax.render.views import mean_over_views
 
+_SEAM_SMOOTHING = 1e-3  # [m]; what a tailor would not notice
+
 
 @pytree
 class Garment:
@@ -71,7 +73,13 @@ def _area_ratio(garment: Garment, tables: Tables) -> Float[Array, ""]:
 
 
 def _seam_length(garment: Garment, tables: Tables) -> Float[Array, ""]:
-    return seam_length(garment.pattern, tables.edges, tables.stitch_edges, ratio=tables.seam_ratios)
+    return seam_length(
+        garment.pattern,
+        tables.edges,
+        tables.stitch_edges,
+        ratio=tables.seam_ratios,
+        smoothing=_SEAM_SMOOTHING,
+    )
 
 
 IMAGE_TERMS = ("mask", "color", "normal")

@@ -15,6 +15,9 @@ from dress_jax.optimisation.state import GROUPS, Unknowns, from_groups, groups
 # only an exact zero may fall below this.
 _EPSILON = 1e-12
 
+_SHARED = ("vertices", "controls")
+"""Groups whose entries are of one kind, so that their gradients compare."""
+
 
 def _adam(momentum: float | Array, memory: float | Array) -> optax.GradientTransformation:
     return optax.scale_by_adam(b1=momentum, b2=memory, eps=_EPSILON)
@@ -71,6 +74,7 @@ def propose(
                 jnp.asarray(options.momentum),
                 jnp.asarray(options.memory),
                 jnp.asarray(options.clip),
+                jnp.asarray(options.sharing if name in _SHARED else 0.0),
             )
     # Colours are projected onto what a picture can show.
     moved["colors"] = jnp.clip(moved["colors"], 0.0, 1.0)
@@ -86,11 +90,17 @@ def _update(
     momentum: Float[Array, ""],
     memory: Float[Array, ""],
     clip: Float[Array, ""],
+    sharing: Float[Array, ""],
 ) -> tuple[Array, optax.OptState]:
     """One Adam step of a group, its gradient shortened to `clip` times its usual length.
 
     A single wild gradient (a fold that is about to snap) would otherwise fill the second moment
     and stall the group for as long as the moment remembers.
+
+    Adam moves every number by about the rate, however little the loss depends on it: corners that
+    hardly show would wander at the speed of the hem. So the step of an entry with second moment v
+    is scaled by (v / max v)^(sharing / 2): 0 is Adam, 1 keeps the direction of the gradient, and
+    the fastest entry moves by about the rate in either case.
     """
     count = jnp.asarray(state.count)
     corrected = 1.0 - memory ** jnp.maximum(count, 1)
@@ -100,4 +110,7 @@ def _update(
     over = (length > limit) & (limit > 0.0)
     slope = jnp.where(over, limit / jnp.where(over, length, 1.0), 1.0) * slope
     direction, following = _adam(momentum, memory).update(slope, state)  # type: ignore[arg-type]
-    return value - rate * cast(Array, direction), following
+    second = cast(Array, following.nu)  # type: ignore[union-attr]
+    largest = jnp.max(second)
+    relative = jnp.where(largest > 0.0, second / jnp.where(largest > 0.0, largest, 1.0), 1.0)
+    return value - rate * relative ** (0.5 * sharing) * cast(Array, direction), following

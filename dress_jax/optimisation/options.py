@@ -32,9 +32,9 @@ class LearningRates:
         colors: of the vertex colours, in [0, 1].
     """
 
-    vertices: float = 4e-3
-    controls: float = 4e-3
-    log_stiffness: float = 0.05
+    vertices: float = 0.01
+    controls: float = 0.01
+    log_stiffness: float = 0.02
     colors: float = 0.05
 
 
@@ -52,9 +52,12 @@ class FitOptions:
             on through a fixed permutation of the views, so that every view has its turn.
         seed: of that permutation.
         momentum, memory: decay of the first and second moments of the gradient (Adam's betas).
+        sharing: how far the corners (and the control points) share one step length, in [0, 1]: at 0
+            each moves by the rate, at 1 in proportion to its gradient; see `optimizer`.
         clip: a group's gradient is shortened to this multiple of its recent root mean square.
         largest_remaining_step: a drape that missed its tolerance is still used if its last Newton
             step moved no vertex further than this [m].
+        polish: how often a drape without a gradient goes on to a tighter tolerance.
         smallest_area: least area of a rest triangle, relative to the area it was meshed with;
             negative areas are flipped triangles (S12.4).
         shrink, grow: factors on the learning rates after a rejected and an accepted step.
@@ -70,8 +73,10 @@ class FitOptions:
     seed: int = 0
     momentum: float = 0.8
     memory: float = 0.95
+    sharing: float = 0.5
     clip: float = 3.0
     largest_remaining_step: float = 1e-3
+    polish: int = 2
     smallest_area: float = 0.1
     shrink: float = 0.5
     grow: float = 1.5
@@ -90,12 +95,14 @@ class FitOptions:
             _require(math.isfinite(value) and value >= 0.0, name, value, "at least 0")
         _require(self.iterations >= 0, "iterations", self.iterations, "at least 0")
         _require(self.stage_one >= 0, "stage_one", self.stage_one, "at least 0")
+        _require(self.polish >= 0, "polish", self.polish, "at least 0")
         views = self.views_per_iteration
         _require(views is None or views >= 1, "views_per_iteration", views, "at least 1, or None")
         for name in ("final_rate", "shrink", "smallest_scale"):
             _require(0.0 < getattr(self, name) <= 1.0, name, getattr(self, name), "in (0, 1]")
         for name in ("momentum", "memory", "smallest_area"):
             _require(0.0 <= getattr(self, name) < 1.0, name, getattr(self, name), "in [0, 1)")
+        _require(0.0 <= self.sharing <= 1.0, "sharing", self.sharing, "in [0, 1]")
         _require(self.shrink < 1.0, "shrink", self.shrink, "below 1")
         _require(self.grow >= 1.0, "grow", self.grow, "at least 1")
         _require(self.clip > 0.0, "clip", self.clip, "positive")

@@ -3,6 +3,7 @@
 import dataclasses
 import warnings
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +28,13 @@ Clock = Callable[[], float]
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """Unknowns that were draped, and what came of it."""
+    """Unknowns that were draped, and what came of it.
+
+    Attributes:
+        info: how it went.
+        positions: of a sound drape [m], (n, 3).
+        gradient: of the loss there; None unless the trial is accepted.
+    """
 
     info: FitInfo
     positions: Array | None = None
@@ -103,29 +110,72 @@ def try_unknowns(
     start: Array,
     *,
     iteration: int,
-    clock: Clock | None,
+    clock: Clock | None = None,
 ) -> Trial:
-    """Drape, loss and gradient, as far as the drape is sound."""
-    now = (lambda: 0.0) if clock is None else clock
-    options = problem.options
-    begin = now()
+    """Drape, loss and gradient, as far as the drape is sound.
 
+    Newton's method with projected Hessians may come to rest near a saddle, where there is no
+    gradient; the drape then goes on from there with a tenth of the tolerance, `options.polish`
+    times at most.
+
+    Args:
+        problem: what is fitted.
+        unknowns: to try.
+        start: intersection-free positions [m].
+        iteration: for the report and the choice of views.
+        clock: see `loop.step`.
+    """
     if not finite(unknowns):
         return Trial(FitInfo(iteration, StepOutcome.NON_FINITE))
     rest = np.asarray(rest_positions(unknowns.pattern, problem.discretization))
-    if not smallest_relative_area(problem, rest) >= options.smallest_area:
+    if not smallest_relative_area(problem, rest) >= problem.options.smallest_area:
         return Trial(FitInfo(iteration, StepOutcome.REST_DEGENERATE))
 
-    # A copy: the simulator adapts its sparsity to the contacts that it meets, and with it the order
-    # of sums. Every step begins from the same one, so that a resumed fit repeats it bit by bit.
-    simulator = dataclasses.replace(problem.simulator)
+    newton, spent = problem.simulator.newton, list[FitInfo]()
+    while True:
+        # A copy: the simulator adapts its sparsity to the contacts that it meets, and with it the
+        # order of sums. All drapes begin from the same one, so that a resumed fit repeats them bit
+        # by bit.
+        simulator = dataclasses.replace(problem.simulator, newton=newton)
+        trial = _drape_and_assess(problem, simulator, unknowns, start, iteration, clock)
+        spent.append(trial.info)
+        failed = trial.info.outcome is StepOutcome.ADJOINT_FAILED
+        if not failed or trial.positions is None or len(spent) > problem.options.polish:
+            break
+        start = trial.positions
+        newton = dataclasses.replace(newton, tolerance=0.1 * newton.tolerance)
+    seconds = {name: sum(i.seconds.get(name, 0.0) for i in spent) for name in spent[-1].seconds}
+    iterations = sum(info.newton_iterations for info in spent)
+    info = dataclasses.replace(trial.info, newton_iterations=iterations, seconds=seconds)
+    return dataclasses.replace(trial, info=info)
+
+
+def _drape_and_assess(
+    problem: FitProblem,
+    simulator: Simulator,
+    unknowns: Unknowns,
+    start: Array,
+    iteration: int,
+    clock: Clock | None,
+) -> Trial:
+    """One drape, and loss and gradient there if it is sound."""
+    now = (lambda: 0.0) if clock is None else clock
+    options, times = problem.options, [now()]
+
+    def ended(info: FitInfo, **results: Any) -> Trial:
+        if clock is not None:
+            parts = np.diff(times).tolist()
+            seconds = dict(zip(("forward", "loss", "adjoint"), parts, strict=False))
+            info = dataclasses.replace(info, seconds={**seconds, "total": sum(parts)})
+        return Trial(info, **results)
+
     (positions, rest), pull, report = jax.vjp(
         lambda pattern, log: simulate(problem, simulator, pattern, log, start),
         unknowns.pattern,
         unknowns.log_stiffness,
         has_aux=True,
     )
-    draped = now()
+    times.append(now())
     info = FitInfo(
         iteration,
         _judge(report, positions, options.largest_remaining_step),
@@ -134,30 +184,24 @@ def try_unknowns(
         remaining_step=float(report.step_size),
         intersections=int(report.self_intersections) + int(report.body_intersections),
     )
-
-    def timed(info: FitInfo, **stages: float) -> FitInfo:
-        if clock is None:
-            return info
-        stages = {"forward": draped - begin, **stages, "total": now() - begin}
-        return dataclasses.replace(info, seconds=stages)
-
     if not info.accepted:
-        return Trial(timed(info))
+        return ended(info)
 
     weights = {name: jnp.asarray(w) for name, w in options.active_weights.items()}
     views = select_views(problem.observation, options.views_per_iteration, options.seed, iteration)
     garment = Garment(positions, rest, unknowns.pattern, unknowns.colors)
     assessment = jax.block_until_ready(assess(garment, weights, problem.tables, views))
-    assessed = now()
+    times.append(now())
     info = _with_assessment(info, assessment)
     if not np.isfinite(info.loss):
-        return Trial(timed(dataclasses.replace(info, outcome=StepOutcome.NON_FINITE)))
+        return ended(dataclasses.replace(info, outcome=StepOutcome.NON_FINITE))
 
     gradient = _pull_back(pull, assessment.gradient)
-    info = timed(info, loss=assessed - draped, adjoint=now() - assessed)
+    times.append(now())
     if not finite(gradient):
-        return Trial(dataclasses.replace(info, outcome=StepOutcome.ADJOINT_FAILED))
-    return Trial(info, positions, gradient)
+        failed = dataclasses.replace(info, outcome=StepOutcome.ADJOINT_FAILED)
+        return ended(failed, positions=positions)
+    return ended(info, positions=positions, gradient=gradient)
 
 
 def _judge(report: Report, positions: Array, largest_remaining_step: float) -> StepOutcome:

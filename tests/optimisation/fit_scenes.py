@@ -34,6 +34,8 @@ EDGE_LENGTH = 0.05
 FABRIC = Fabric(density=0.3, stretching_stiffness=60.0, bending_stiffness=1e-4)
 SIZE = 96
 VIEWS = 3
+HALF_EXTENT = 0.25
+"""Half of what an image shows [m]."""
 
 
 def tube_pattern(*, girth=0.80, length=HEIGHT, flare=1.05):
@@ -112,7 +114,7 @@ def cameras(*, size=SIZE, views=VIEWS):
     """Views from all sides that are not opposite to each other."""
     azimuths = [360.0 * k / views + 10.0 for k in range(views)]
     return stack_cameras(
-        ring_cameras(azimuths, size=size, center=[0.0, -0.15, 0.0], half_extent=0.25)
+        ring_cameras(azimuths, size=size, center=[0.0, -0.15, 0.0], half_extent=HALF_EXTENT)
     )
 
 
@@ -151,8 +153,9 @@ def with_options(problem, **changes):
 
 
 def leaves_equal(a, b):
-    """Whether two pytrees agree bit by bit."""
+    """Whether two pytrees agree bit by bit; NaN equals itself."""
     one, two = jax.tree.leaves(a), jax.tree.leaves(b)
     return len(one) == len(two) and all(
-        np.array_equal(np.asarray(x), np.asarray(y)) for x, y in zip(one, two, strict=True)
+        np.array_equal(np.asarray(x), np.asarray(y), equal_nan=True)
+        for x, y in zip(one, two, strict=True)
     )

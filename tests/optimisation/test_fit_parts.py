@@ -1,0 +1,167 @@
+"""Comfort, options, optimiser, observations and figures on their own."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from fit_scenes import BALL, ball, cameras, tube_pattern
+
+from dress_jax.core.errors import InputError
+from dress_jax.loss.comfort import comfort
+from dress_jax.optimisation import (
+    PAPER_WEIGHTS,
+    FitOptions,
+    LearningRates,
+    Unknowns,
+    length_errors,
+    make_observation,
+    observe,
+)
+from dress_jax.optimisation.losses import IMAGE_TERMS, REGULARIZERS
+from dress_jax.optimisation.optimizer import init_optimizer, propose, rates
+from dress_jax.optimisation.state import from_groups, groups
+from dress_jax.pattern import PatternParameters, scaled
+from dress_jax.pattern.templates import t_shirt
+
+EXACT = 1e-12
+
+REST = jnp.asarray([[0.0, 0.0], [0.4, 0.0], [0.4, 0.5], [0.0, 0.5]])
+FACES = jnp.asarray([[0, 0], [1, 2], [2, 3]])
+
+
+def _flat(rest):
+    return jnp.stack([rest[:, 0], jnp.zeros(4), -rest[:, 1]], axis=1)
+
+
+@pytest.mark.parametrize("stretch", [0.9, 1.0, 1.2])
+def test_comfort_of_an_even_stretch(stretch):
+    """F = s R: two singular values of s over an area of 0.2 m^2."""
+    value = comfort(stretch * _flat(REST), REST, FACES, FACES)
+    np.testing.assert_allclose(value, 0.2 * 2.0 * (stretch - 1.0) ** 2, atol=EXACT)
+
+
+def test_comfort_grows_as_a_pattern_shrinks():
+    worn = _flat(REST)
+    values = [float(comfort(worn, s * REST, FACES, FACES)) for s in (1.0, 0.95, 0.9)]
+    assert values[0] < values[1] < values[2]
+
+
+def test_weights_are_the_papers():
+    assert set(PAPER_WEIGHTS) == {*IMAGE_TERMS, *REGULARIZERS}
+    assert dict(PAPER_WEIGHTS) == {
+        "mask": 1.0,
+        "color": 0.1,
+        "normal": 0.1,
+        "comfort": 0.1,
+        "area_ratio": 0.01,
+        "seam_length": 0.1,
+    }
+    assert FitOptions().weights == PAPER_WEIGHTS
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"weights": {"shine": 1.0}},
+        {"weights": {"mask": -1.0}},
+        {"iterations": -1},
+        {"shrink": 1.0},
+        {"views_per_iteration": 0},
+        {"rates": LearningRates(vertices=np.nan)},
+    ],
+)
+def test_bad_options(bad):
+    with pytest.raises(InputError):
+        FitOptions(**bad)
+
+
+def _unknowns(value):
+    return Unknowns(
+        pattern=PatternParameters(jnp.full((4, 2), value), jnp.full((4, 2), value)),
+        log_stiffness=jnp.full(2, value),
+        colors=jnp.full((3, 3), value),
+    )
+
+
+def test_rates_follow_stages_and_decay():
+    options = FitOptions(iterations=10, stage_one=3, final_rate=0.1)
+    first, last = rates(options, 0, 1.0), rates(options, 10, 1.0)
+    assert first["vertices"] == options.rates.vertices
+    assert last["vertices"] == pytest.approx(0.1 * options.rates.vertices)
+    assert first["controls"] == rates(options, 2, 1.0)["controls"] == 0.0
+    assert rates(options, 3, 1.0)["controls"] > 0.0
+    assert rates(options, 0, 0.5)["vertices"] == 0.5 * first["vertices"]
+
+
+def test_first_step_has_the_length_of_the_rate():
+    options = FitOptions(stage_one=0)
+    start, slope = _unknowns(0.5), _unknowns(2e-5)
+    moved, _ = propose(
+        start, slope, init_optimizer(start, options), options, rates(options, 0, 1.0)
+    )
+    for name, value in groups(moved).items():
+        np.testing.assert_allclose(value, 0.5 - getattr(options.rates, name), rtol=1e-6)
+
+
+def test_a_wild_gradient_is_shortened():
+    options = FitOptions(stage_one=0, clip=2.0)
+    value, states = _unknowns(0.5), init_optimizer(_unknowns(0.5), options)
+    for _ in range(5):
+        _, states = propose(value, _unknowns(1.0), states, options, rates(options, 0, 1.0))
+    _, wild = propose(value, _unknowns(1e6), states, options, rates(options, 0, 1.0))
+    _, double = propose(value, _unknowns(2.0), states, options, rates(options, 0, 1.0))
+    np.testing.assert_allclose(wild["vertices"].nu, double["vertices"].nu, rtol=1e-9)
+
+
+def test_colors_stay_colors():
+    options = FitOptions(stage_one=0)
+    start = _unknowns(0.99)
+    moved, _ = propose(
+        start, _unknowns(-1.0), init_optimizer(start, options), options, rates(options, 0, 1.0)
+    )
+    assert np.all(np.asarray(moved.colors) == 1.0)
+
+
+def test_groups_round_trip():
+    unknowns = _unknowns(0.3)
+    assert set(groups(from_groups(groups(unknowns)))) == set(groups(unknowns))
+
+
+def test_length_errors():
+    true = t_shirt()
+    assert max(errors.max() for errors in length_errors(true, true).values()) == 0.0
+    larger = scaled(true, {"*": (1.1, 1.1)})
+    for errors in length_errors(larger, true).values():
+        np.testing.assert_allclose(errors, 0.1, rtol=1e-9)
+
+
+def test_length_errors_of_other_patterns():
+    with pytest.raises(InputError, match="panels"):
+        length_errors(t_shirt(), tube_pattern())
+
+
+def test_observe_draws_only_the_garment():
+    """A ball seen as a garment, and a smaller one inside that is hidden."""
+    vertices, faces = ball()
+    alone = observe(cameras(), vertices, faces)
+    center = vertices.mean(axis=0)
+    inner = center + 0.8 * (vertices - center)
+    covered = observe(cameras(), vertices, faces, body_vertices=inner, body_faces=faces)
+    np.testing.assert_array_equal(alone.mask, covered.mask)
+    outer = center + 1.2 * (vertices - center)
+    with pytest.raises(InputError, match="no view shows"):
+        observe(cameras(), vertices, faces, body_vertices=outer, body_faces=faces)
+    area = float(np.asarray(alone.mask)[0].mean()) * 0.5**2
+    assert area == pytest.approx(np.pi * BALL**2, rel=0.03)
+    assert alone.mask.dtype == jnp.float32
+    np.testing.assert_array_equal(alone.garment, np.asarray(alone.mask) > 0.5)
+    assert np.all(np.asarray(alone.valid) == 1.0)
+
+
+def test_observation_shapes_are_checked():
+    mask = np.ones((3, 8, 8))
+    with pytest.raises(InputError, match="do not fit"):
+        make_observation(cameras(), mask)
+    with pytest.raises(InputError, match="color"):
+        make_observation(cameras(size=8), mask, color=np.ones((3, 8, 8)))
+    with pytest.raises(InputError, match="finite"):
+        make_observation(cameras(size=8), np.nan * mask)
