@@ -27,7 +27,9 @@ def contact_settings(
     *, dhat: float = 3e-3, thickness: float = 3e-4, slip_speed: float = 1e-3
 ) -> ContactSettings:
     """Contact settings from numbers in metres and seconds."""
-    return ContactSettings(jnp.asarray(dhat), jnp.asarray(thickness), jnp.asarray(slip_speed))
+    return ContactSettings(
+        *(jnp.asarray(length, jnp.float64) for length in (dhat, thickness, slip_speed))
+    )
 
 
 class BarrierDerivatives(NamedTuple):

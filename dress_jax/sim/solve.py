@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from dress_jax.core.precision import as_float64, require_float64
 from dress_jax.core.pytree import pytree
 from dress_jax.energy.cloth import Parameters
 from dress_jax.sim.equilibrium import Report, advance
@@ -54,8 +55,10 @@ def static_solve(
     Returns:
         Positions and report; a failed solve is reported, not raised.
     """
-    start = jax.lax.stop_gradient(jnp.asarray(initial_positions, float))
-    inverse = jnp.asarray(0.0 if time_step is None else 1.0 / time_step)
+    require_float64("static_solve")
+    start = jax.lax.stop_gradient(as_float64(initial_positions))
+    parameters = as_float64(parameters)
+    inverse = as_float64(0.0 if time_step is None else 1.0 / time_step)
     positions, report = advance(
         simulator,
         start,
@@ -89,10 +92,10 @@ def step(
     Returns:
         x^(n+1), v^(n+1) = (x^(n+1) - x^n) / h, and the report.
     """
-    inverse = jnp.asarray(1.0 / time_step)
-    start = jnp.asarray(state.positions, float)
-    before = parameters.body_vertices if body_start is None else body_start
-    positions, report = advance(
-        simulator, start, jnp.asarray(state.velocities, float), parameters, before, inverse
-    )
+    require_float64("step")
+    inverse = as_float64(1.0 / time_step)
+    start, velocity = as_float64(state.positions), as_float64(state.velocities)
+    parameters = as_float64(parameters)
+    before = parameters.body_vertices if body_start is None else as_float64(body_start)
+    positions, report = advance(simulator, start, velocity, parameters, before, inverse)
     return State(positions, (positions - start) * inverse), report
