@@ -136,22 +136,22 @@ def minimize(
     for iteration in range(options.iteration_limit):
         if not (math.isfinite(energy) and np.all(np.isfinite(gradient))):
             return finish(Result.NON_FINITE, iteration)
+        exact = False
         try:
             factorization = objective.factorize(x)
             direction = -factorization.solve(gradient.ravel()).reshape(x.shape)
+            if _longest(direction) < options.exact_below:
+                refined = conjugate_gradient(
+                    hessian_operator(objective, x),
+                    -gradient.ravel(),
+                    factorization,
+                    tolerance=_EXACT_TOLERANCE,
+                    iteration_limit=_EXACT_LIMIT,
+                )
+                if refined.converged:
+                    direction, exact = refined.solution.reshape(x.shape), True
         except LinearSolveError:
             return finish(Result.LINEAR_SOLVE_FAILED, iteration)
-        exact = False
-        if _longest(direction) < options.exact_below:
-            refined = conjugate_gradient(
-                hessian_operator(objective, x),
-                -gradient.ravel(),
-                factorization,
-                tolerance=_EXACT_TOLERANCE,
-                iteration_limit=_EXACT_LIMIT,
-            )
-            if refined.converged:
-                direction, exact = refined.solution.reshape(x.shape), True
         if not np.all(np.isfinite(direction)):
             return finish(Result.NON_FINITE, iteration)
         size = _longest(direction)

@@ -72,7 +72,8 @@ class BlockJacobiSolver:
                 start = min(i, j)
                 blocks[:, i, j] = diagonal[start::3][:size]
         try:
+            np.linalg.cholesky(blocks)  # an indefinite preconditioner would hide a bad matrix
             inverse = np.linalg.inv(blocks)
         except np.linalg.LinAlgError as error:
-            raise LinearSolveError("a diagonal block is singular") from error
+            raise LinearSolveError("a diagonal block is not positive definite") from error
         return _BlockJacobiSystem(sparse.BCSR.from_scipy_sparse(full), jnp.asarray(inverse))

@@ -34,8 +34,8 @@ class SuperluSolver:
             )
         except RuntimeError as error:
             raise LinearSolveError(f"the sparse LU factorization failed ({error})") from error
-        # Without pivoting the pivots of a positive-definite matrix are positive; check it, since
-        # a factorization of an indefinite matrix would give ascent directions.
-        if np.any(lu.U.diagonal() <= 0.0):
+        # A positive-definite matrix needs no exchange of rows and has positive pivots; check both,
+        # since a factorization of an indefinite matrix would give ascent directions.
+        if np.any(lu.perm_r != lu.perm_c) or np.any(lu.U.diagonal() <= 0.0):
             raise LinearSolveError("the matrix is not positive definite")
         return _SuperluFactorization(lu)
