@@ -1,7 +1,7 @@
 """One drape through the command line, shared by the tests that look at its folder."""
 
 import pytest
-from scenes import small_skirt, turned_body
+from command_scenes import small_skirt, turned_body
 from typer.testing import CliRunner
 
 from dress_jax.cli.main import app
