@@ -11,7 +11,7 @@ from dress_jax.contact.potential import PairKind
 from dress_jax.geometry.topology import unique_edges
 
 SETTINGS = contact_settings(dhat=0.6, thickness=0.05, slip_speed=1e-3)
-STIFFNESS = jnp.asarray(1.3)
+STIFFNESS = jnp.asarray(1.3, jnp.float64)
 KINDS = list(PairKind)
 
 

@@ -1,0 +1,79 @@
+"""Derivatives of an energy against central differences, with two compiled programs only.
+
+`jax.test_util.check_grads` to second order compiles several times as many.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+# The programs run a few times on a few elements; compiling them is all the work.
+UNOPTIMIZED = {"xla_backend_optimization_level": 0}
+
+
+def check_energy_derivatives(energy, arguments, *, step: float, tolerance: float, seed: int = 0):
+    """Check the gradient of an energy, and the derivative of the force in everything.
+
+    Along random directions of all arguments together, which must not be zero.
+
+    Args:
+        energy: scalar function; its first argument are the positions.
+        arguments: where to check, pytrees of float arrays.
+        step: of the central differences, in the units of the arguments.
+        tolerance: relative to the derivative's size; its error is the step squared times third
+            derivatives, and rounding over the step.
+
+    Returns:
+        The gradient in every argument.
+    """
+    every = tuple(range(len(arguments)))
+    with_gradient = jax.jit(jax.value_and_grad(energy, every), compiler_options=UNOPTIMIZED)
+
+    @functools.partial(jax.jit, compiler_options=UNOPTIMIZED)
+    def force_derivative(arguments, direction):
+        return jax.jvp(lambda *a: jax.grad(energy)(*a), arguments, direction)[1]
+
+    rng = np.random.default_rng(seed)
+    # Strongly typed, so that moved arguments run the same program.
+    arguments = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float64), tuple(arguments))
+    _, gradient = with_gradient(*arguments)
+
+    def along(tree, direction):
+        parts = jax.tree.map(lambda a, b: float(jnp.vdot(a, b)), tree, direction)
+        return sum(jax.tree.leaves(parts))
+
+    # Each argument on its own, so that a large derivative in one hides nothing in another.
+    for moved in every:
+        direction = tuple(
+            jax.tree.map(
+                lambda leaf, on=k == moved: jnp.asarray(on * rng.normal(size=leaf.shape)), argument
+            )
+            for k, argument in enumerate(arguments)
+        )
+
+        def at(length, direction=direction):
+            return with_gradient(
+                *jax.tree.map(lambda leaf, d: leaf + length * d, arguments, direction)
+            )
+
+        (high, high_gradient), (low, low_gradient) = at(step), at(-step)
+        first = along(gradient, direction)
+        assert first != 0.0, f"no derivative in argument {moved}"
+        difference = float(high - low) / (2.0 * step)
+        np.testing.assert_allclose(
+            first, difference, rtol=tolerance, err_msg=f"first order, argument {moved}"
+        )
+        second = force_derivative(arguments, direction)
+        difference = (high_gradient[0] - low_gradient[0]) / (2.0 * step)
+        scale = float(jnp.abs(second).max())
+        assert scale != 0.0, f"no second derivative in argument {moved}"
+        np.testing.assert_allclose(
+            second,
+            difference,
+            rtol=0,
+            atol=tolerance * scale,
+            err_msg=f"second order, argument {moved}",
+        )
+    return gradient
