@@ -15,7 +15,7 @@ from jaxtyping import Float
 from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
 from dress_jax.optimisation.optimizer import init_optimizer, propose, rates
-from dress_jax.optimisation.problem import FitProblem
+from dress_jax.optimisation.problem import FitProblem, corner_panels
 from dress_jax.optimisation.report import FitInfo
 from dress_jax.optimisation.state import FitState, Unknowns
 from dress_jax.optimisation.trial import Clock, try_unknowns
@@ -82,7 +82,12 @@ def step(
     options = problem.options
     iteration, scale = int(state.iteration), float(state.rate_scale)
     unknowns, optimizer = propose(
-        state.unknowns, state.gradient, state.optimizer, options, rates(options, iteration, scale)
+        state.unknowns,
+        state.gradient,
+        state.optimizer,
+        options,
+        rates(options, iteration, scale),
+        corner_panels(problem.pattern),
     )
     trial = try_unknowns(problem, unknowns, state.positions, iteration=iteration, clock=clock)
     info = dataclasses.replace(trial.info, rate_scale=scale)

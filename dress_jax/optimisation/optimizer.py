@@ -1,12 +1,19 @@
-"""One Adam per group of unknowns, with learning rates that follow the stages of a fit (S9.12)."""
+"""One Adam per group of unknowns, with learning rates that follow the stages of a fit (S9.12).
+
+Corners move in two ways at once: each on its own, and together with their panel, whose width and
+length are stretched about its middle. Images tell much about the sizes of a panel and little about
+single corners, most of which lie in folds, on seams or behind an arm. Corners alone would have to
+cover the whole way one by one, and those that hardly show would wander meanwhile.
+"""
 
 import math
 from typing import cast
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from dress_jax.optimisation.options import FitOptions
 from dress_jax.optimisation.state import GROUPS, Unknowns, from_groups, groups
@@ -15,7 +22,10 @@ from dress_jax.optimisation.state import GROUPS, Unknowns, from_groups, groups
 # only an exact zero may fall below this.
 _EPSILON = 1e-12
 
-_SHARED = ("vertices", "controls")
+PANELS = "panels"
+"""Name of the panel stretches among the rates and states; every corner holds its panel's."""
+
+_SHARED = (PANELS, "vertices", "controls")
 """Groups whose entries are of one kind, so that their gradients compare."""
 
 
@@ -24,9 +34,10 @@ def _adam(momentum: float | Array, memory: float | Array) -> optax.GradientTrans
 
 
 def init_optimizer(unknowns: Unknowns, options: FitOptions) -> dict[str, optax.OptState]:
-    """Fresh moments for every group."""
+    """Fresh moments for every group, and for the panel stretches."""
     transform = _adam(options.momentum, options.memory)
-    return {name: transform.init(array) for name, array in groups(unknowns).items()}
+    arrays = {**groups(unknowns), PANELS: jnp.zeros_like(unknowns.pattern.vertices)}
+    return {name: transform.init(array) for name, array in arrays.items()}
 
 
 def rates(options: FitOptions, iteration: int, scale: float) -> dict[str, float]:
@@ -36,7 +47,7 @@ def rates(options: FitOptions, iteration: int, scale: float) -> dict[str, float]
     """
     part = min(iteration / max(options.iterations, 1), 1.0)
     decay = options.final_rate + (1.0 - options.final_rate) * 0.5 * (1.0 + math.cos(math.pi * part))
-    result = {name: getattr(options.rates, name) * decay * scale for name in GROUPS}
+    result = {name: getattr(options.rates, name) * decay * scale for name in (PANELS, *GROUPS)}
     if iteration < options.stage_one:
         result["controls"] = 0.0
     return result
@@ -48,6 +59,7 @@ def propose(
     optimizer: dict[str, optax.OptState],
     options: FitOptions,
     step_rates: dict[str, float],
+    corner_panel: Int[np.ndarray, " V"],
 ) -> tuple[Unknowns, dict[str, optax.OptState]]:
     """The next unknowns to try.
 
@@ -60,10 +72,14 @@ def propose(
         optimizer: state of every group.
         options: decays and clipping.
         step_rates: learning rate of every group.
+        corner_panel: panel of every pattern corner, (V,).
     """
     values, slopes = groups(unknowns), groups(gradient)
+    arms = _arms(values["vertices"], corner_panel)
+    values[PANELS] = jnp.zeros_like(arms)
+    slopes[PANELS] = _panel_sums(slopes["vertices"] * arms, corner_panel)
     moved, states = {}, {}
-    for name in GROUPS:
+    for name in (PANELS, *GROUPS):
         moved[name], states[name] = values[name], optimizer[name]
         if step_rates[name] > 0.0:
             moved[name], states[name] = _update(
@@ -76,9 +92,26 @@ def propose(
                 jnp.asarray(options.clip),
                 jnp.asarray(options.sharing if name in _SHARED else 0.0),
             )
+    moved["vertices"] = moved["vertices"] + moved.pop(PANELS) * arms
     # Colours are projected onto what a picture can show.
     moved["colors"] = jnp.clip(moved["colors"], 0.0, 1.0)
     return from_groups(moved), states
+
+
+def _panel_sums(
+    values: Float[Array, "V 2"], corner_panel: Int[np.ndarray, " V"]
+) -> Float[Array, "V 2"]:
+    """The sum over its panel, at every corner."""
+    count = int(corner_panel.max()) + 1
+    return jax.ops.segment_sum(values, corner_panel, num_segments=count)[corner_panel]
+
+
+def _arms(
+    vertices: Float[Array, "V 2"], corner_panel: Int[np.ndarray, " V"]
+) -> Float[Array, "V 2"]:
+    """From the middle of its panel's corners to every corner [m]."""
+    total = _panel_sums(vertices, corner_panel)
+    return vertices - total / _panel_sums(jnp.ones_like(vertices), corner_panel)
 
 
 @jax.jit

@@ -23,17 +23,19 @@ PAPER_WEIGHTS: Mapping[str, float] = MappingProxyType(
 
 @dataclasses.dataclass(frozen=True)
 class LearningRates:
-    """Step lengths of the four groups of unknowns in the first iteration.
+    """Step lengths in the first iteration: of the four groups of unknowns, and of whole panels.
 
     Attributes:
+        panels: of the width and the length of every panel, relative; see `optimizer`.
         vertices: of the pattern's corners [m].
         controls: of its control points [chord lengths].
         log_stiffness: of the logarithms of the two stiffness factors.
         colors: of the vertex colours, in [0, 1].
     """
 
-    vertices: float = 0.01
-    controls: float = 0.01
+    panels: float = 0.015
+    vertices: float = 4e-3
+    controls: float = 5e-3
     log_stiffness: float = 0.02
     colors: float = 0.05
 
@@ -73,7 +75,7 @@ class FitOptions:
     seed: int = 0
     momentum: float = 0.8
     memory: float = 0.95
-    sharing: float = 0.5
+    sharing: float = 0.75
     clip: float = 3.0
     largest_remaining_step: float = 1e-3
     polish: int = 2

@@ -162,6 +162,11 @@ def make_problem(
     )
 
 
+def corner_panels(pattern: Pattern) -> Int[np.ndarray, " V"]:
+    """Panel of every corner, in the order of `PatternParameters.vertices` (host)."""
+    return np.repeat(np.arange(len(pattern.panels)), [len(p.vertices) for p in pattern.panels])
+
+
 def fitted_pattern(problem: FitProblem, state: FitState) -> Pattern:
     """The problem's pattern with the corners and controls of a state (host)."""
     return with_parameters(problem.pattern, state.unknowns.pattern)

@@ -35,7 +35,7 @@ class FitState:
         unknowns: last accepted values.
         gradient: of the loss there.
         positions: the drape there, and the start of the next one (S9.5) [m], (n, 3).
-        optimizer: state of the optimiser of each group, by name.
+        optimizer: state of the optimiser of each group and of the panel stretches, by name.
         iteration: steps so far, accepted or not, ().
         rate_scale: factor on all learning rates, lowered by rejected steps, ().
     """

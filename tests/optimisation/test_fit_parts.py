@@ -1,11 +1,13 @@
 """Comfort, options, optimiser, observations and figures on their own."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from fit_scenes import BALL, ball, cameras, tube_pattern
 
 from dress_jax.core.errors import InputError
+from dress_jax.core.pytree import replace
 from dress_jax.loss.comfort import comfort
 from dress_jax.optimisation import (
     PAPER_WEIGHTS,
@@ -92,32 +94,63 @@ def test_rates_follow_stages_and_decay():
     assert rates(options, 0, 0.5)["vertices"] == 0.5 * first["vertices"]
 
 
+CORNER_PANEL = np.array([0, 0, 1, 1])
+
+
+def _propose(start, slope, states, options, **changes):
+    step_rates = {**rates(options, 0, 1.0), **changes}
+    return propose(start, slope, states, options, step_rates, CORNER_PANEL)
+
+
 def test_first_step_has_the_length_of_the_rate():
     options = FitOptions(stage_one=0)
     start, slope = _unknowns(0.5), _unknowns(2e-5)
-    moved, _ = propose(
-        start, slope, init_optimizer(start, options), options, rates(options, 0, 1.0)
-    )
+    moved, _ = _propose(start, slope, init_optimizer(start, options), options, panels=0.0)
     for name, value in groups(moved).items():
         np.testing.assert_allclose(value, 0.5 - getattr(options.rates, name), rtol=1e-6)
+
+
+def test_panels_stretch_about_their_middle():
+    """A slope that asks the first panel to grow in x moves its corners apart by the rate."""
+    options = FitOptions(stage_one=0)
+    start = _unknowns(0.5)
+    corners = jnp.asarray([[0.0, 0.0], [0.4, 0.2], [1.0, 1.0], [2.0, 3.0]])
+    start = replace(start, pattern=replace(start.pattern, vertices=corners))
+    slope = jax.tree.map(jnp.zeros_like, start)
+    pull = jnp.asarray([[1.0, 0.0], [-1.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
+    slope = replace(slope, pattern=replace(slope.pattern, vertices=pull))
+    moved, _ = _propose(start, slope, init_optimizer(start, options), options, vertices=0.0)
+    rate = options.rates.panels
+    expected = corners + rate * jnp.asarray([[-0.2, 0.0], [0.2, 0.0], [0.0, 0.0], [0.0, 0.0]])
+    np.testing.assert_allclose(moved.pattern.vertices, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("sharing", [0.0, 0.5, 1.0])
+def test_sharing_slows_what_hardly_matters(sharing):
+    options = FitOptions(stage_one=0, sharing=sharing)
+    start, slope = _unknowns(0.5), _unknowns(1.0)
+    uneven = jnp.ones((4, 2)).at[0, 0].set(1e-2)
+    slope = replace(slope, pattern=replace(slope.pattern, vertices=uneven))
+    moved, _ = _propose(start, slope, init_optimizer(start, options), options, panels=0.0)
+    steps = (0.5 - np.asarray(moved.pattern.vertices)) / options.rates.vertices
+    np.testing.assert_allclose(steps[1], 1.0, rtol=1e-6)
+    np.testing.assert_allclose(steps[0, 0], 1e-2**sharing, rtol=1e-6)
 
 
 def test_a_wild_gradient_is_shortened():
     options = FitOptions(stage_one=0, clip=2.0)
     value, states = _unknowns(0.5), init_optimizer(_unknowns(0.5), options)
     for _ in range(5):
-        _, states = propose(value, _unknowns(1.0), states, options, rates(options, 0, 1.0))
-    _, wild = propose(value, _unknowns(1e6), states, options, rates(options, 0, 1.0))
-    _, double = propose(value, _unknowns(2.0), states, options, rates(options, 0, 1.0))
+        _, states = _propose(value, _unknowns(1.0), states, options)
+    _, wild = _propose(value, _unknowns(1e6), states, options)
+    _, double = _propose(value, _unknowns(2.0), states, options)
     np.testing.assert_allclose(wild["vertices"].nu, double["vertices"].nu, rtol=1e-9)
 
 
 def test_colors_stay_colors():
     options = FitOptions(stage_one=0)
     start = _unknowns(0.99)
-    moved, _ = propose(
-        start, _unknowns(-1.0), init_optimizer(start, options), options, rates(options, 0, 1.0)
-    )
+    moved, _ = _propose(start, _unknowns(-1.0), init_optimizer(start, options), options)
     assert np.all(np.asarray(moved.colors) == 1.0)
 
 
