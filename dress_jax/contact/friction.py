@@ -10,6 +10,7 @@ from jaxtyping import Array, Float, Int
 from dress_jax.contact.barrier import ContactSettings, barrier_derivatives
 from dress_jax.contact.candidates import gather, gather_displacements, mask
 from dress_jax.contact.potential import PairKind, mollifier, pair_areas
+from dress_jax.core.components import dot
 from dress_jax.geometry.distance import edge_edge_closest, vertex_face_closest
 
 
@@ -42,7 +43,7 @@ def _slip(
     relative = tuple(sum(weights[p] * moved[p, k] for p in range(4)) for k in range(3))
     along = sum(relative[k] * normal[k] for k in range(3))
     tangential = tuple(relative[k] - along * normal[k] for k in range(3))
-    return tangential, sum(component**2 for component in tangential)
+    return tangential, dot(tangential, tangential)
 
 
 def friction_energy(

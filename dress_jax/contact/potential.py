@@ -1,7 +1,8 @@
 """The contact potential: barrier over pairs, weighted by area (S1.9, S1.13).
 
 Every pair contributes k w m dhat b(d): k is a pressure [Pa], w an area of the rest shape, so the
-potential converges under refinement and carries a derivative through the areas (S9.7). Cloth and
+potential of two facing sheets does not depend on the mesh while edges are long against dhat, and
+carries a derivative through the areas (S9.7). Cloth and
 body share one vertex numbering: cloth first, then body.
 """
 
@@ -99,7 +100,7 @@ class ContactBlocks(NamedTuple):
     """Rank-one Hessian of the pairs: block (p, q) is stiffness w_p w_q n n^T."""
 
     weights: Float[Array, "4 m"]
-    normal: tuple[Array, Array, Array]
+    normal: tuple[Array, ...]
     stiffness: Float[Array, " m"]
 
 
@@ -115,9 +116,10 @@ def contact_blocks(
 ) -> ContactBlocks:
     """The positive-semidefinite part that Newton uses: second derivative along the distance.
 
-    The other part of the Hessian is the repulsive force times the curvature of the distance; where
-    the distance is to a vertex or to an edge it is negative semidefinite, so leaving it out is
-    the projection, and it costs no eigendecomposition.
+    The other part of the Hessian is the repulsive force times the curvature of the distance. It is
+    negative semidefinite between two vertices and indefinite otherwise; leaving it out keeps the
+    blocks positive semidefinite without an eigendecomposition, and the exact Hessian of the last
+    iterations makes up for it.
     """
     points, used = gather(positions, indices, count), mask(indices, count)
     if kind is PairKind.VERTEX_FACE:

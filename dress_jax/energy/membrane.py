@@ -6,6 +6,7 @@ follows in closed form (an eigendecomposition on the CPU costs twenty times more
 """
 
 import enum
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -37,7 +38,7 @@ class SingularDerivatives(NamedTuple):
 
 
 def deformation_gradient(
-    corners: tuple[Components, Components, Components], rest: RestTriangles
+    corners: Sequence[Components], rest: RestTriangles
 ) -> tuple[Components, Components]:
     """The two columns of F = [x1 - x0, x2 - x0] D^-1."""
     first = c.subtract(corners[1], corners[0])
@@ -96,7 +97,7 @@ def membrane_energy(
         stretching_stiffness: k_s [N/m], the shear modulus times the thickness; both models agree
             with it for small strains without a Poisson effect.
     """
-    corners = tuple(c.gather(positions, faces[k]) for k in range(3))
+    corners = [c.gather(positions, faces[k]) for k in range(3)]
     f1, f2 = deformation_gradient(corners, rest)
     return jnp.sum(stretching_stiffness * rest.areas * density(model, f1, f2, poisson_ratio))
 
@@ -175,7 +176,7 @@ def membrane_frame(
     In the frame of the singular vectors the Hessian of an isotropic density falls into a 2x2
     stretch block, a twist, a flip and two normal modes; each is clamped on its own.
     """
-    corners = tuple(c.gather(positions, faces[k]) for k in range(3))
+    corners = [c.gather(positions, faces[k]) for k in range(3)]
     f1, f2 = deformation_gradient(corners, rest)
     a, b, off = c.dot(f1, f1), c.dot(f2, f2), c.dot(f1, f2)
     area_ratio = jnp.maximum(_area_ratio(f1, f2), _SMALLEST_STRETCH**2)
@@ -246,7 +247,7 @@ def principal_stretches(
 ) -> tuple[Float[Array, " f"], Float[Array, " f"]]:
     """Singular values (larger, smaller) of the deformation gradient of every triangle."""
     columns = c.split(positions)
-    corners = tuple(c.gather(columns, faces[k]) for k in range(3))
+    corners = [c.gather(columns, faces[k]) for k in range(3)]
     f1, f2 = deformation_gradient(corners, rest)
     a, b, off = c.dot(f1, f1), c.dot(f2, f2), c.dot(f1, f2)
     largest = jnp.sqrt(0.5 * (a + b) + jnp.sqrt(0.25 * (a - b) ** 2 + off**2))

@@ -59,7 +59,7 @@ def static_solve(
     start = jax.lax.stop_gradient(as_float64(initial_positions))
     parameters = as_float64(parameters)
     inverse = as_float64(0.0 if time_step is None else 1.0 / time_step)
-    positions, report = advance(
+    outcome: tuple[Array, Report] = advance(  # type: ignore[assignment]
         simulator,
         start,
         jnp.zeros_like(start),
@@ -67,7 +67,7 @@ def static_solve(
         jax.lax.stop_gradient(parameters.body_vertices),
         inverse,
     )
-    return Drape(positions, report)
+    return Drape(*outcome)
 
 
 def step(
@@ -97,5 +97,8 @@ def step(
     start, velocity = as_float64(state.positions), as_float64(state.velocities)
     parameters = as_float64(parameters)
     before = parameters.body_vertices if body_start is None else as_float64(body_start)
-    positions, report = advance(simulator, start, velocity, parameters, before, inverse)
+    outcome: tuple[Array, Report] = advance(  # type: ignore[assignment]
+        simulator, start, velocity, parameters, before, inverse
+    )
+    positions, report = outcome
     return State(positions, (positions - start) * inverse), report

@@ -50,7 +50,7 @@ class DressedGarment:
         pin_targets: where the pins are held [m], (k, 3).
         moved_panels: panels that had to be pushed apart at the start.
         body_level: contraction level at which the panels were placed (0 is the full body).
-        seam_gap: largest seam gap just before the weld [m].
+        seam_gap: largest move of a seam point in the weld [m]; all gaps are zero after it.
     """
 
     cloth: Cloth
@@ -122,7 +122,7 @@ def dress(
         panels, placement.positions, weld_map=np.asarray(discretization.weld_map), **common
     )
     parameters = make_parameters(
-        panels, fabric, rest_positions, body_vertices=path[level], gravity=Gravity.NONE
+        panels, fabric, jnp.asarray(rest_positions), body_vertices=path[level], gravity=Gravity.NONE
     )
     sewn = sew(simulator, parameters, placement.positions, discretization)
 
@@ -132,7 +132,7 @@ def dress(
     )
     simulator = make_simulator(cloth, sewn.positions, **common)
     parameters = make_parameters(
-        cloth, fabric, rest_positions, body_vertices=path[level], gravity=Gravity.NONE
+        cloth, fabric, jnp.asarray(rest_positions), body_vertices=path[level], gravity=Gravity.NONE
     )
     positions = follow_body(
         simulator,

@@ -62,12 +62,11 @@ class PardisoSolver:
         """Make `matrix` the factorized one."""
         b = np.zeros(matrix.shape[0])
         known = self._analyzed
-        same = (
-            known is not None
-            and np.array_equal(known[0], matrix.indptr)
-            and np.array_equal(known[1], matrix.indices)
-        )
-        if not same:
+        if (
+            known is None
+            or not np.array_equal(known[0], matrix.indptr)
+            or not np.array_equal(known[1], matrix.indices)
+        ):
             if known is not None:
                 self.release()
             self.call(_ANALYZE, matrix, b)
