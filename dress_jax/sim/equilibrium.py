@@ -133,20 +133,15 @@ def _solve(simulator, start, velocity, parameters, body_start, inverse_step):
     )
     objective = StepObjective(simulator, parameters, frame)
     x0 = np.asarray(start)
-    if objective.smallest_distance(x0) <= float(simulator.settings.thickness):
-        raise InputError(
-            f"the start state has a pair at {objective.smallest_distance(x0) * 1e3:.4f} mm, at or "
-            f"below the thickness of {float(simulator.settings.thickness) * 1e3:.4f} mm",
-            mend="start from a state without intersections, or repair it while dressing",
-        )
-    solution = minimize(objective, x0, simulator.newton, progress=simulator.progress)
-    x = solution.positions
-    crossings = count_intersections(
-        x,
+    scene = (
         np.asarray(simulator.cloth.faces).T,
         np.asarray(parameters.body_vertices),
         simulator.body_faces,
     )
+    _check_start(x0, scene, objective, simulator)
+    solution = minimize(objective, x0, simulator.newton, progress=simulator.progress)
+    x = solution.positions
+    crossings = count_intersections(x, *scene, weld_ids=simulator.weld_map)
     report = Report(
         result=jnp.asarray(int(solution.result)),
         iterations=jnp.asarray(solution.iterations),
@@ -158,6 +153,26 @@ def _solve(simulator, start, velocity, parameters, body_start, inverse_step):
         body_intersections=jnp.asarray(crossings.body),
     )
     return jnp.asarray(x), report, (objective, solution.factorization)
+
+
+def _check_start(x0, scene, objective: StepObjective, simulator: Simulator) -> None:
+    """Raise where the start state intersects or is closer than the thickness."""
+    mend = "start from a state without intersections, or put the garment on with `dress`"
+    crossings = count_intersections(x0, *scene, weld_ids=simulator.weld_map)
+    if crossings.self or crossings.body:
+        raise InputError(
+            f"the start state has {crossings.self} intersections of the cloth with itself and "
+            f"{crossings.body} with the body",
+            mend=mend,
+        )
+    thickness = float(simulator.settings.thickness)
+    distance = objective.smallest_distance(x0)
+    if distance <= thickness:
+        raise InputError(
+            f"the start state has a pair at {distance * 1e3:.4f} mm, at or below the thickness "
+            f"of {thickness * 1e3:.4f} mm",
+            mend=mend,
+        )
 
 
 def _validate(simulator, start, velocity, parameters: Parameters, body_start) -> None:

@@ -37,6 +37,7 @@ class Simulator:
         linear_solver: factorizes the projected Hessians.
         pattern, slots: sparsity of the current matrices; grows with self-contact.
         broad_phase: box trees.
+        weld_map: vertices that are one, or about to become one, share a number.
         progress: called after every Newton iteration.
     """
 
@@ -50,6 +51,7 @@ class Simulator:
     pattern: BlockPattern
     slots: ElasticSlots
     broad_phase: BroadPhase
+    weld_map: Int[np.ndarray, " n"] | None = None
     progress: Callable[[NewtonProgress], None] | None = None
 
     @property
@@ -122,4 +124,5 @@ def make_simulator(
         pattern=pattern,
         slots=slots,
         broad_phase=make_broad_phase(mesh, np.concatenate([positions, body])),
+        weld_map=weld_map,
     )

@@ -60,7 +60,7 @@ class PardisoSolver:
 
     def load(self, matrix: scipy.sparse.csr_matrix) -> None:
         """Make `matrix` the factorized one."""
-        b = np.zeros(matrix.shape[0])
+        b = np.zeros(len(matrix.indptr) - 1)
         known = self._analyzed
         if (
             known is None
