@@ -42,7 +42,7 @@ COLUMNS = (
     "min_mm",
     "strain_p50",
     "strain_p99",
-    "seam_mm",
+    "seconds_dress",
     "seconds",
     "error",
 )
@@ -51,22 +51,15 @@ COLUMNS = (
 def oracle_is_clean(x, faces, body, body_faces) -> bool:
     """Whether ipctk finds no intersection of the garment with itself or with the body.
 
-    The body may intersect itself, so the whole scene is tested against the body alone.
+    The body may intersect itself; it is left out as a static obstacle.
     """
     import ipctk
 
-    def crossing(vertices, triangles, can_collide=None):
-        mesh = ipctk.CollisionMesh(vertices, ipctk.edges(triangles), triangles)
-        if can_collide is not None:
-            mesh.can_collide = can_collide
-        return ipctk.has_intersections(mesh, vertices)
-
-    if crossing(x, faces):
-        return False
-    n = len(x)
     everything = np.concatenate([x, body])
-    triangles = np.concatenate([faces, body_faces + n]).astype(np.int32)
-    return not crossing(everything, triangles, lambda a, b: (a < n) != (b < n))
+    triangles = np.concatenate([faces, body_faces + len(x)]).astype(np.int32)
+    mesh = ipctk.CollisionMesh(everything, ipctk.edges(triangles), triangles)
+    mesh.can_collide = ipctk.make_static_obstacle_filter(len(x))
+    return not ipctk.has_intersections(mesh, everything)
 
 
 def drape(path: Path, body, body_faces, edge_length: float, fabric, picture: Path) -> dict:
@@ -79,6 +72,7 @@ def drape(path: Path, body, body_faces, edge_length: float, fabric, picture: Pat
     simulator = make_simulator(
         garment.cloth,
         garment.positions,
+        settings=garment.settings,
         body_vertices=body,
         body_faces=body_faces,
         newton=NewtonOptions(tolerance=1e-4, iteration_limit=200),
@@ -105,8 +99,8 @@ def drape(path: Path, body, body_faces, edge_length: float, fabric, picture: Pat
         "min_mm": round(1e3 * float(report.smallest_distance), 3),
         "strain_p50": round(float(np.median(strain)), 4),
         "strain_p99": round(float(np.percentile(strain, 99)), 4),
-        "seam_mm": round(1e3 * garment.seam_gap, 3),
-        "moved_panels": list(garment.moved_panels),
+        "contraction": max(fitting.contraction for fitting in garment.fittings),
+        "arms_drawn_in": any(fitting.arms_drawn_in for fitting in garment.fittings),
         "seconds_dress": round(dressed, 1),
         "seconds": round(time.perf_counter() - started, 1),
     }

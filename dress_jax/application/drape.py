@@ -140,7 +140,7 @@ def drape_pattern(
         dressed.positions,
         body_vertices=wearer.vertices,
         body_faces=wearer.faces,
-        settings=options.contact,
+        settings=dressed.settings,
         newton=options.newton,
         linear_solver=options.dressing.linear_solver,
     )
@@ -185,7 +185,7 @@ def _into_pose(
         dressed.positions,
         body_vertices=wearer.start,
         body_faces=wearer.faces,
-        settings=options.contact,
+        settings=dressed.settings,
         linear_solver=options.dressing.linear_solver,
     )
     parameters = make_parameters(
@@ -252,8 +252,7 @@ def drape_report(result: DrapeResult) -> dict[str, Any]:
         "residual": float(report.residual),
         "newton_iterations": int(report.iterations),
         "energy": float(report.energy),
-        "seam_gap_before_weld_m": result.dressed.seam_gap,
-        "moved_panels": list(result.dressed.moved_panels),
+        "fittings": [dataclasses.asdict(fitting) for fitting in result.dressed.fittings],
         "pins": len(result.dressed.pin_targets),
         "settings": dict(draped_state(result).settings),
     }

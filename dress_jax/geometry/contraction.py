@@ -17,7 +17,13 @@ The skeleton comes from two ideas, one sparse solve each:
 `kappa` is a multiple of the squared local radius, found by repeating the solve: thick and thin
 parts then collapse by the same factor. Levels interpolate linearly between surface and skeleton,
 so thinning is monotone.
+
+Rings seen from the crown run askew over shoulders and hips, and their centroids leave the body
+below the armpits and the crotch. So every limb gets a second field, from its own tip: there the
+rings run around the limb, up to the armhole or the leg opening, and lead into the joint.
 """
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -25,6 +31,8 @@ from scipy import sparse
 from scipy.sparse import csgraph
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
+
+from dress_jax.geometry.limbs import Limb, find_branches, make_limb
 
 # A ring of radius r is collapsed to about 1 / (1 + RING_STRENGTH) of it; larger values also
 # straighten the skeleton, because a piecewise linear map cannot bend without varying along rings.
@@ -34,17 +42,34 @@ FIRST_KAPPA = 0.17
 PASSES = 3
 # Heat time in squared mean edge lengths: smooth level sets on irregular triangles.
 HEAT_TIME = 25.0
+# The skeleton of a limb passes into that of the trunk over this length, relative to the height.
+JOINT_BAND = 0.05
+# Length of the pieces of a limb's curve, relative to the height.
+CURVE_PIECE = 0.006
 # Points closer than this, relative to the height, are one point (texture seams split vertices).
 MERGE_TOLERANCE = 1e-7
 
 
-def skeleton_targets(
+@dataclass(frozen=True)
+class CurveSkeleton:
+    """The curves inside a body that its surface shrinks to.
+
+    Attributes:
+        targets: the point of the skeleton that each vertex shrinks to [m], shape (n, 3).
+        limbs: arms and legs with their curves; none where the body does not branch like a person.
+    """
+
+    targets: Float[np.ndarray, "n 3"]
+    limbs: tuple[Limb, ...]
+
+
+def curve_skeleton(
     vertices: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "f 3"],
     *,
     up: tuple[float, float, float] = (0.0, 1.0, 0.0),
-) -> Float[np.ndarray, "n 3"]:
-    """The point of the curve skeleton that each vertex shrinks to.
+) -> CurveSkeleton:
+    """The curve skeleton of a closed surface.
 
     Args:
         vertices: body vertices [m], shape (n, 3). Vertices split along texture seams are welded
@@ -52,9 +77,6 @@ def skeleton_targets(
         faces: triangles, shape (f, 3). Further components (eyeballs) follow the nearest vertex of
             the largest one.
         up: direction whose highest vertex (the crown) starts the geodesic field.
-
-    Returns:
-        Skeleton points [m], shape (n, 3).
 
     Raises:
         ValueError: there are no faces of positive area, or a vertex is not finite.
@@ -72,16 +94,45 @@ def skeleton_targets(
 
     used, compact = _largest_component(len(welded), faces)
     points = welded[used]
-    ring_targets = _collapse_rings(points, compact, up=np.asarray(up), height=height)
+    nearest = _nearest_used(welded, used)
+    own, limbs = _skeleton(points, compact, up=np.asarray(up), height=height)
 
     # Whatever is not part of the main surface moves along with the nearest point of it.
-    targets = np.empty_like(welded)
-    targets[used] = ring_targets
-    rest = np.setdiff1d(np.arange(len(welded)), used)
+    targets = welded + (own - points)[nearest]
+    targets[used] = own
+    pick = nearest[weld_map]
+    return CurveSkeleton(
+        targets[weld_map],
+        tuple(replace(limb, part=limb.part[pick], along=limb.along[pick]) for limb in limbs),
+    )
+
+
+def _nearest_used(points: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """For every point its place in `used`, or that of the nearest used point."""
+    place = np.full(len(points), -1)
+    place[used] = np.arange(len(used))
+    rest = np.flatnonzero(place < 0)
     if len(rest):
-        _, nearest = cKDTree(points).query(welded[rest])
-        targets[rest] = welded[rest] + (ring_targets - points)[nearest]
-    return targets[weld_map]
+        place[rest] = cKDTree(points[used]).query(points[rest])[1]
+    return place
+
+
+def _skeleton(
+    points: np.ndarray, faces: np.ndarray, *, up: np.ndarray, height: float
+) -> tuple[np.ndarray, tuple[Limb, ...]]:
+    """Skeleton points of one connected surface, and its limbs."""
+    surface = _surface(points, faces)
+    distance = _geodesic_field(surface, int(np.argmax(points @ up)))
+    targets = _collapse_rings(surface, distance, height=height)
+    limbs = []
+    for branch in find_branches(points, faces, distance):
+        from_tip = _geodesic_field(surface, branch.tip)
+        own = _collapse_rings(surface, from_tip, height=height)
+        along = from_tip[branch.fork] - from_tip
+        share = np.clip(1.0 + along / (JOINT_BAND * height), 0.0, 1.0)[:, None]
+        targets = (1.0 - share) * targets + share * own
+        limbs.append(make_limb(branch.kind, along, own, piece=CURVE_PIECE * height))
+    return targets, tuple(limbs)
 
 
 def contract(
@@ -107,7 +158,7 @@ def contract(
     """
     if not 0.0 <= amount <= 1.0:
         raise ValueError(f"amount must lie between 0 and 1, not {amount}")
-    targets = skeleton_targets(vertices, faces, up=up)
+    targets = curve_skeleton(vertices, faces, up=up).targets
     return (1.0 - amount) * np.asarray(vertices, dtype=np.float64) + amount * targets
 
 
@@ -138,7 +189,7 @@ def contraction_path(
     if levels < 2:
         raise ValueError(f"a path needs at least two levels, not {levels}")
     vertices = np.asarray(vertices, dtype=np.float64)
-    targets = skeleton_targets(vertices, faces, up=up)
+    targets = curve_skeleton(vertices, faces, up=up).targets
     amounts = np.linspace(0.0, 1.0, levels)[:, None, None]
     return (1.0 - amounts) * vertices + amounts * targets
 
@@ -172,33 +223,48 @@ def _doubled_areas(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.cross(b - a, c - a), axis=1)
 
 
-def _collapse_rings(
-    points: np.ndarray, faces: np.ndarray, *, up: np.ndarray, height: float
-) -> np.ndarray:
-    count = len(points)
-    gradients, areas, normals = _hat_gradients(points, faces)
-    masses = np.bincount(faces.ravel(), np.repeat(areas / 3.0, 3), count)
+@dataclass(frozen=True)
+class _Surface:
+    """A triangle mesh with its finite-element matrices."""
 
-    rows, columns = np.repeat(faces, 3, axis=1).ravel(), np.tile(faces, (1, 3)).ravel()
+    points: np.ndarray
+    faces: np.ndarray
+    gradients: np.ndarray
+    areas: np.ndarray
+    normals: np.ndarray
+    masses: np.ndarray
+    stiffness: sparse.csc_array
 
-    def assemble(blocks: np.ndarray) -> sparse.csc_array:
+    def assemble(self, blocks: np.ndarray) -> sparse.csc_array:
+        """The matrix of one 3x3 block per face."""
+        rows = np.repeat(self.faces, 3, axis=1).ravel()
+        columns = np.tile(self.faces, (1, 3)).ravel()
+        count = len(self.points)
         return sparse.coo_array((blocks.ravel(), (rows, columns)), shape=(count, count)).tocsc()
 
-    stiffness = assemble(np.einsum("fik,fjk->fij", gradients, gradients) * areas[:, None, None])
-    mass = sparse.diags_array(masses).tocsc()
-    source = int(np.argmax(points @ up))
-    distance = _geodesic_field(faces, gradients, areas, masses, stiffness, source)
 
-    slope = _unit(np.einsum("fik,fi->fk", gradients, distance[faces]))
-    along_ring = np.einsum("fik,fk->fi", gradients, np.cross(normals, slope))
-    ring_blocks = along_ring[:, :, None] * along_ring[:, None, :] * areas[:, None, None]
+def _surface(points: np.ndarray, faces: np.ndarray) -> _Surface:
+    gradients, areas, normals = _hat_gradients(points, faces)
+    masses = np.bincount(faces.ravel(), np.repeat(areas / 3.0, 3), len(points))
+    bare = _Surface(points, faces, gradients, areas, normals, masses, sparse.csc_array((0, 0)))
+    blocks = np.einsum("fik,fjk->fij", gradients, gradients) * areas[:, None, None]
+    return replace(bare, stiffness=bare.assemble(blocks))
+
+
+def _collapse_rings(surface: _Surface, distance: np.ndarray, *, height: float) -> np.ndarray:
+    """Every point's place after its level set of `distance` has shrunk to its centroid."""
+    faces, masses, points = surface.faces, surface.masses, surface.points
+    slope = _unit(np.einsum("fik,fi->fk", surface.gradients, distance[faces]))
+    along_ring = np.einsum("fik,fk->fi", surface.gradients, np.cross(surface.normals, slope))
+    ring_blocks = along_ring[:, :, None] * along_ring[:, None, :] * surface.areas[:, None, None]
+    mass = sparse.diags_array(masses).tocsc()
 
     # kappa carries the squared mesh height so that the result does not depend on the unit.
     kappa = np.full(len(faces), FIRST_KAPPA * height**2)
     smallest = (3e-3 * height) ** 2
     targets = points
     for _ in range(PASSES):
-        smoother = _factorize(mass + assemble(ring_blocks * kappa[:, None, None]))
+        smoother = _factorize(mass + surface.assemble(ring_blocks * kappa[:, None, None]))
         targets = smoother(masses[:, None] * points)
         # Averaged along the ring: a ring has one radius, however near its flat side is.
         radius_squared = smoother(masses * ((points - targets) ** 2).sum(axis=1))
@@ -206,20 +272,14 @@ def _collapse_rings(
     return targets
 
 
-def _geodesic_field(
-    faces: np.ndarray,
-    gradients: np.ndarray,
-    areas: np.ndarray,
-    masses: np.ndarray,
-    stiffness: sparse.csc_array,
-    source: int,
-) -> np.ndarray:
+def _geodesic_field(surface: _Surface, source: int) -> np.ndarray:
     """Distance from `source` along the surface by the heat method (Crane et al. 2013)."""
-    count = len(masses)
-    mass = sparse.diags_array(masses).tocsc()
+    faces, gradients, areas = surface.faces, surface.gradients, surface.areas
+    count = len(surface.masses)
+    mass = sparse.diags_array(surface.masses).tocsc()
     impulse = np.zeros(count)
     impulse[source] = 1.0
-    heat = _factorize(mass + HEAT_TIME * 2.0 * areas.mean() * stiffness)(impulse)
+    heat = _factorize(mass + HEAT_TIME * 2.0 * areas.mean() * surface.stiffness)(impulse)
     # The gradient of log(heat) points like that of heat and does not underflow on far triangles.
     log_heat = np.log(np.maximum(heat, np.finfo(np.float64).tiny))
     flow = -_unit(np.einsum("fik,fi->fk", gradients, log_heat[faces]))
@@ -230,7 +290,7 @@ def _geodesic_field(
     )
     # The constant null space is removed by a multiple of the mass too small to bend the field.
     shift = 1e-8 * areas.sum() ** -1
-    distance = _factorize(stiffness + shift * mass)(divergence)
+    distance = _factorize(surface.stiffness + shift * mass)(divergence)
     return distance - distance[source]
 
 

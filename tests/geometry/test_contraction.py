@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dress_jax.geometry.contraction import contract, contraction_path, skeleton_targets
+from dress_jax.geometry.contraction import contract, contraction_path, curve_skeleton
 
 # The thinnest level keeps about 1 / (1 + RING_STRENGTH) of a ring; discretization doubles it.
 THIN = 0.15
@@ -34,7 +34,7 @@ def elliptic_capsule(*, half_width=0.15, half_depth=0.09, height=1.6, rings=80, 
 
 def test_an_elliptic_tube_collapses_onto_its_axis():
     vertices, faces = elliptic_capsule()
-    targets = skeleton_targets(vertices, faces)
+    targets = curve_skeleton(vertices, faces).targets
     middle = np.abs(vertices[:, 1] - 0.8) < 0.6
     radius = np.hypot(vertices[middle, 0], vertices[middle, 2])
     thin = np.hypot(targets[middle, 0], targets[middle, 2])
@@ -57,8 +57,8 @@ def test_the_path_starts_at_the_body_and_thins_monotonically():
 
 def test_the_result_scales_and_moves_with_the_body():
     vertices, faces = elliptic_capsule(rings=30, around=24)
-    targets = skeleton_targets(vertices, faces)
-    moved = skeleton_targets(100.0 * vertices + 7.0, faces)
+    targets = curve_skeleton(vertices, faces).targets
+    moved = curve_skeleton(100.0 * vertices + 7.0, faces).targets
     np.testing.assert_allclose(moved, 100.0 * targets + 7.0, atol=1e-5)
 
 
@@ -74,8 +74,8 @@ def test_split_vertices_move_together_and_other_components_follow():
     everything = np.concatenate([split, bead])[order]
     corner_faces = np.arange(len(split)).reshape(-1, 3)
     all_faces = place[np.concatenate([corner_faces, bead_faces + len(split)])]
-    targets = skeleton_targets(everything, all_faces)[place]
-    welded = skeleton_targets(vertices, faces)
+    targets = curve_skeleton(everything, all_faces).targets[place]
+    welded = curve_skeleton(vertices, faces).targets
     np.testing.assert_allclose(targets[: len(split)], welded[faces].reshape(-1, 3), atol=1e-9)
     expected = welded[200] - vertices[200]
     np.testing.assert_allclose(targets[len(split) :] - bead, [expected] * 4, atol=0.02)
@@ -91,9 +91,9 @@ def test_an_amount_outside_the_unit_interval_is_refused(amount):
 def test_unusable_bodies_are_refused():
     vertices, faces = elliptic_capsule(rings=6, around=6)
     with pytest.raises(ValueError, match="positive area"):
-        skeleton_targets(vertices, faces[:0])
+        curve_skeleton(vertices, faces[:0])
     with pytest.raises(ValueError, match="finite"):
-        skeleton_targets(np.where(vertices > 1.0, np.nan, vertices), faces)
+        curve_skeleton(np.where(vertices > 1.0, np.nan, vertices), faces)
     with pytest.raises(ValueError, match="two levels"):
         contraction_path(vertices, faces, levels=1)
 
@@ -102,7 +102,7 @@ def test_figures_on_a_real_body(shared_data):
     trimesh = pytest.importorskip("trimesh")
     body = trimesh.load(shared_data / "bodies" / "mean_all.obj", process=False)
     vertices, faces = np.asarray(body.vertices), np.asarray(body.faces)
-    targets = skeleton_targets(vertices, faces)
+    targets = curve_skeleton(vertices, faces).targets
     x, y = vertices[:, 0], vertices[:, 1]
     head, hand, foot = y > 1.5, x > x.max() - 0.15, (y < 0.08) & (x > 0)
     for part in (head, hand, foot):

@@ -7,20 +7,29 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from dress_jax.contact.barrier import ContactSettings
+from dress_jax.contact.barrier import ContactSettings, contact_settings
+from dress_jax.core.errors import InputError
+from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Cloth, Gravity, make_cloth
 from dress_jax.energy.fabric import Fabric, make_parameters
 from dress_jax.energy.membrane import MembraneModel
-from dress_jax.geometry.contraction import contraction_path
 from dress_jax.pattern import Discretization, placed_positions
-from dress_jax.sim.dressing.motion import MotionOptions, follow_body
-from dress_jax.sim.dressing.placement import free_level, separate_panels
-from dress_jax.sim.dressing.sewing import sew
+from dress_jax.sim.dressing.components import Component, split_components
+from dress_jax.sim.dressing.growth import (
+    Collider,
+    Growth,
+    crossed_faces,
+    make_collider,
+    plan_growth,
+)
+from dress_jax.sim.dressing.joining import join
+from dress_jax.sim.dressing.motion import MotionOptions, follow_body, settle
 from dress_jax.sim.dressing.waist import waist_loops
 from dress_jax.sim.simulator import make_simulator
 
-_LEVELS = 6  # of the contraction path; the last is about a tenth of the body's thickness
-_LEAST_LEVEL = 4
+_CLEARANCE = 1e-5  # of a joined surface [m]
+_THICKNESS_SHARE = 0.25  # of the smallest height of a rest triangle
+_FALL_STEPS, _FALL_TIME = 6, 0.15  # with which skirts fall before the arms grow out
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,6 +50,23 @@ class DressingOptions:
 
 
 @dataclasses.dataclass(frozen=True)
+class Fitting:
+    """How one component was put on.
+
+    Attributes:
+        panels: names.
+        contraction: of the body on which it was put, from 0 (the full body) to 1 (its skeleton).
+        arms_drawn_in: whether the arms grew out again afterwards.
+        smoothing_length: with which its panels were joined [m].
+    """
+
+    panels: tuple[str, ...]
+    contraction: float
+    arms_drawn_in: bool
+    smoothing_length: float
+
+
+@dataclasses.dataclass(frozen=True)
 class DressedGarment:
     """A welded garment on the full body, not yet draped under gravity.
 
@@ -48,17 +74,15 @@ class DressedGarment:
         cloth: topology with its pins.
         positions: intersection-free vertices [m], (n, 3).
         pin_targets: where the pins are held [m], (k, 3).
-        moved_panels: panels that had to be pushed apart at the start.
-        body_level: contraction level at which the panels were placed (0 is the full body).
-        seam_gap: largest move of a seam point in the weld [m]; all gaps are zero after it.
+        settings: lengths of the contact model, the thickness reduced where triangles are small.
+        fittings: how its components were put on, bottom to top.
     """
 
     cloth: Cloth
     positions: Float[np.ndarray, "n 3"]
     pin_targets: Float[np.ndarray, "k 3"]
-    moved_panels: tuple[str, ...]
-    body_level: int
-    seam_gap: float
+    settings: ContactSettings
+    fittings: tuple[Fitting, ...]
 
 
 def dress(
@@ -72,76 +96,76 @@ def dress(
     options: DressingOptions | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> DressedGarment:
-    """Put a garment on a body.
+    """Put a garment, or an outfit of several, on a body.
 
-    The body is shrunk toward its skeleton until the panels stand free of it, the panels are sewn
-    around it and welded, and the body grows back as a moving boundary. Every state on the way is
-    free of intersections.
+    Each component's panels are joined around a body that has shrunk toward its skeleton; then the
+    body grows back as a moving boundary. Components are put on from the lowest to the highest, each
+    over those before it. Every state on the way is free of intersections.
 
     Args:
         discretization: of the pattern.
         rest_positions: panel coordinates [m].
         body_vertices, body_faces: the body, in the pose for which the panels are placed [m].
-        fabric: used for sewing too.
+        fabric: used for dressing too.
         settings: lengths of the contact model.
         options: see `DressingOptions`.
         progress: called with the stage's name and the fraction of it that is done.
 
     Raises:
-        InputError: panels that cannot be separated, seams that cannot be closed, or a garment that
-            the body cannot grow into; the message names the panels.
+        InputError: panels that cannot be joined without crossing, or a garment that the body cannot
+            grow into; the message names the panels.
     """
     options = DressingOptions() if options is None else options
+    rest_faces = np.asarray(discretization.rest_faces)
+    settings = _fine_enough(
+        contact_settings() if settings is None else settings, rest_positions, rest_faces
+    )
 
     def tell(stage: str, done: float) -> None:
         if progress is not None:
             progress(stage, done)
 
-    tell("place", 0.0)
-    faces = np.asarray(discretization.faces)
-    rest_faces = np.asarray(discretization.rest_faces)
-    path = contraction_path(body_vertices, body_faces, levels=_LEVELS)
+    tell("join", 0.0)
+    rest_positions = np.asarray(rest_positions, np.float64)
     placed = np.asarray(placed_positions(jnp.asarray(rest_positions), discretization))
-    placement = separate_panels(placed, discretization)
-    level = free_level(placement.positions, discretization, path, body_faces, least=_LEAST_LEVEL)
-
-    tell("sew", 0.0)
-    panels = make_cloth(
-        rest_faces,
-        vertex_count=len(placed),
-        stitches=np.asarray(discretization.seam_vertices),
-        membrane=options.membrane,
-    )
-    common = {
-        "body_vertices": path[level],
-        "body_faces": body_faces,
-        "settings": settings,
-        "linear_solver": options.linear_solver,
-    }
-    simulator = make_simulator(
-        panels, placement.positions, weld_map=np.asarray(discretization.weld_map), **common
-    )
-    parameters = make_parameters(
-        panels, fabric, jnp.asarray(rest_positions), body_vertices=path[level], gravity=Gravity.NONE
-    )
-    sewn = sew(simulator, parameters, placement.positions, discretization)
-
-    tell("grow", 0.0)
-    cloth = make_cloth(
-        faces, rest_faces, vertex_count=discretization.vertex_count, membrane=options.membrane
-    )
-    simulator = make_simulator(cloth, sewn.positions, **common)
-    parameters = make_parameters(
-        cloth, fabric, jnp.asarray(rest_positions), body_vertices=path[level], gravity=Gravity.NONE
-    )
-    positions = follow_body(
-        simulator,
-        parameters,
-        sewn.positions,
-        path[:level][::-1],
-        options=options.motion,
-        progress=lambda done: tell("grow", done),
-    )
+    collider = make_collider(body_vertices, body_faces)
+    parts = split_components(discretization, rest_positions, placed)
+    positions = np.zeros((discretization.vertex_count, 3))
+    fittings = []
+    for number, component in enumerate(parts):
+        joined = join(component.surface, clearance=_CLEARANCE)
+        if not joined.free:
+            _refuse(
+                component,
+                joined.crossed,
+                discretization,
+                "the panels cross each other once they are sewn as placed",
+            )
+        growth = plan_growth(collider, joined.positions, component.surface.faces)
+        if growth is None:
+            hit = crossed_faces(joined.positions, component.surface.faces, collider)
+            _refuse(component, hit, discretization, "the body runs through the panels as placed")
+        tell("grow", number / len(parts))
+        positions[component.vertices] = _grow(
+            component,
+            joined.positions,
+            collider,
+            growth,
+            fabric,
+            settings,
+            options,
+            lambda done, number=number: tell("grow", (number + done) / len(parts)),
+        )
+        collider = collider.wearing(positions[component.vertices], component.surface.faces)
+        fittings.append(
+            Fitting(
+                component.panels,
+                growth.contraction,
+                growth.arms_drawn_in,
+                joined.smoothing_length,
+            )
+        )
+    faces = np.asarray(discretization.faces)
     pins = np.zeros(0, np.int32)
     if options.hold_waist:
         pins = waist_loops(positions, faces, np.asarray(body_vertices))
@@ -152,11 +176,93 @@ def dress(
         pins=pins,
         membrane=options.membrane,
     )
-    return DressedGarment(
-        cloth=cloth,
-        positions=positions,
-        pin_targets=positions[pins],
-        moved_panels=placement.moved_panels,
-        body_level=level,
-        seam_gap=sewn.seam_gap,
+    return DressedGarment(cloth, positions, positions[pins], settings, tuple(fittings))
+
+
+def _grow(
+    component: Component,
+    positions: np.ndarray,
+    collider: Collider,
+    growth: Growth,
+    fabric: Fabric,
+    settings: ContactSettings,
+    options: DressingOptions,
+    progress: Callable[[float], None],
+) -> np.ndarray:
+    """Vertices of the component after the collider has grown to its full shape."""
+    surface = component.surface
+
+    def prepared(x: np.ndarray, body: np.ndarray, pins: np.ndarray, gravity: Gravity):
+        cloth = make_cloth(
+            surface.faces,
+            surface.rest_faces,
+            vertex_count=surface.vertex_count,
+            pins=pins,
+            membrane=options.membrane,
+        )
+        simulator = make_simulator(
+            cloth,
+            x,
+            body_vertices=collider.vertices,
+            body_faces=collider.faces,
+            settings=settings,
+            linear_solver=options.linear_solver,
+        )
+        parameters = make_parameters(
+            cloth,
+            fabric,
+            jnp.asarray(surface.rest_positions),
+            body_vertices=jnp.asarray(body),
+            pin_targets=jnp.asarray(x[pins]),
+            gravity=gravity,
+        )
+        return simulator, parameters
+
+    share = len(growth.frames) / (len(growth.frames) + len(growth.arm_frames))
+    scene = prepared(positions, growth.frames[0], np.zeros(0, np.int32), Gravity.NONE)
+    positions = follow_body(
+        *scene,
+        positions,
+        growth.frames,
+        options=options.motion,
+        progress=lambda done: progress(share * done),
+    )
+    if growth.arms_drawn_in:
+        # Wide skirts hang out of the arms' way first.
+        pins = waist_loops(positions, surface.faces, collider.body)
+        scene = prepared(positions, growth.frames[-1], pins, Gravity.DOWN)
+        positions = settle(*scene, positions, steps=_FALL_STEPS, time_step=_FALL_TIME)
+        positions = follow_body(
+            *scene,
+            positions,
+            growth.arm_frames,
+            options=options.motion,
+            progress=lambda done: progress(share + (1.0 - share) * done),
+        )
+    return positions
+
+
+def _fine_enough(
+    settings: ContactSettings,
+    rest_positions: Float[np.ndarray, "p 2"],
+    rest_faces: Int[np.ndarray, "f 3"],
+) -> ContactSettings:
+    """The same settings, with a thickness below what the smallest rest triangle can keep."""
+    corners = rest_positions[rest_faces]
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    heights = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / sides.max(axis=1)
+    thickness = min(float(settings.thickness), _THICKNESS_SHARE * float(heights.min()))
+    return replace(settings, thickness=jnp.asarray(thickness, jnp.float64))
+
+
+def _refuse(
+    component: Component, faces: np.ndarray, discretization: Discretization, what: str
+) -> None:
+    names = [discretization.panel_names[panel] for panel in np.unique(component.face_panel[faces])]
+    raise InputError(
+        what,
+        where=f"panels {names}",
+        mend="check that pattern and body stand in the same frame (metres, feet at y = 0, front "
+        "towards +z), and the stitches, translations and rotations of these panels",
     )

@@ -5,7 +5,7 @@ detection allows, with the cloth near it carried along; then the cloth relaxes.
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import jax.numpy as jnp
 import numpy as np
@@ -18,12 +18,15 @@ from dress_jax.contact.ccd import step_bound
 from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Parameters
+from dress_jax.geometry.intersection import minimum_distance
 from dress_jax.sim.simulator import Simulator
 from dress_jax.sim.solve import State, step
 from dress_jax.solver.newton import NewtonOptions
 
 _CARRY_NEAR, _CARRY_FAR = 0.01, 0.05  # cloth is carried fully, and not at all, beyond these [m]
-_SMALLEST_ADVANCE = 1e-4
+_SMALLEST_ADVANCE = 1e-4  # [m]
+_PATIENCE = 8  # relaxations without an advance, or without enough distance
+_KEPT_SHARE = 0.5  # of the smallest distance, while it is below twice the thickness
 _SAFETY = 0.9  # of the collision-free part of a motion
 
 
@@ -79,63 +82,161 @@ def follow_body(
     Args:
         simulator: host object.
         parameters: `body_vertices` is where the body starts.
-        positions: intersection-free cloth positions [m].
+        positions: intersection-free cloth positions [m]; they may be closer than the thickness.
         targets: shapes of the body that are reached in turn [m].
         progress: called with the fraction of the way that is done.
 
     Returns:
-        Cloth positions, intersection-free with the body at the last target.
+        Cloth positions, intersection-free with the body at the last target and further than the
+        thickness from it and from each other.
 
     Raises:
         InputError: the body cannot advance: the cloth is caught, for example between body parts.
     """
     options = MotionOptions() if options is None else options
-    loose = NewtonOptions(
-        tolerance=1e-3,
-        iteration_limit=options.relaxation_iterations,
-        longest_step=simulator.newton.longest_step,
-    )
-    tight = dataclasses.replace(simulator, newton=loose)
-    x = np.array(positions, np.float64)
-    body = np.array(parameters.body_vertices)
+    walk = _Walk(simulator, parameters, np.array(positions, np.float64), options)
+    walk.relax()
     for number, target in enumerate(targets):
         stalled = 0
+        for left, whole in walk.towards(np.asarray(target)):
+            stalled = stalled + 1 if walk.last_advance < _SMALLEST_ADVANCE else 0
+            if stalled > _PATIENCE:
+                raise InputError(
+                    f"the body cannot move on: after {100 * number // len(targets)} % of its way "
+                    "the cloth is caught between it and something else",
+                    mend="check that the garment can be put on this body in this pose",
+                )
+            if progress is not None:
+                progress((number + 1.0 - left / whole) / len(targets))
+    walk.finish()
+    return walk.positions
+
+
+def settle(
+    simulator: Simulator,
+    parameters: Parameters,
+    positions: Float[np.ndarray, "n 3"],
+    *,
+    steps: int,
+    time_step: float,
+    iterations: int = 12,
+) -> Float[np.ndarray, "n 3"]:
+    """Let the cloth fall for a few implicit steps, each from rest: rough, and quick.
+
+    Args:
+        simulator: host object.
+        parameters: with gravity.
+        positions: intersection-free cloth positions [m].
+        steps: number of steps.
+        time_step: of each [s].
+        iterations: Newton iterations of each.
+    """
+    options = MotionOptions(relaxation_step=time_step, relaxation_iterations=iterations)
+    walk = _Walk(simulator, parameters, np.array(positions, np.float64), options)
+    for _ in range(steps):
+        walk.relax()
+    walk.finish()
+    return walk.positions
+
+
+class _Walk:
+    """A cloth and a body on their way.
+
+    Parts that start closer than the thickness get a smaller one, which grows back as they part.
+    """
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        parameters: Parameters,
+        positions: np.ndarray,
+        options: MotionOptions,
+    ):
+        self._simulator = simulator
+        loose = NewtonOptions(
+            tolerance=1e-3,
+            iteration_limit=options.relaxation_iterations,
+            longest_step=simulator.newton.longest_step,
+            exact_below=0.0,
+        )
+        self._loose = dataclasses.replace(simulator, newton=loose)
+        self._parameters = parameters
+        self._options = options
+        self.positions = positions
+        self.body = np.array(parameters.body_vertices)
+        self.last_advance = 0.0
+        cloth_faces = np.asarray(simulator.cloth.faces).T
+        self._keep(
+            minimum_distance(
+                positions,
+                cloth_faces,
+                self.body,
+                simulator.body_faces,
+                reach=2.0 * float(simulator.settings.thickness),
+                weld_ids=simulator.weld_map,
+            )
+        )
+
+    def _keep(self, smallest: float) -> None:
+        """Adapt the thickness to the smallest distance [m]."""
+        wanted = float(self._simulator.settings.thickness)
+        self._smallest = smallest
+        self._loose.settings = replace(
+            self._simulator.settings,
+            thickness=jnp.asarray(min(wanted, _KEPT_SHARE * smallest), jnp.float64),
+        )
+
+    def relax(self) -> None:
+        """One implicit step of the cloth with the body at rest."""
+        moved = replace(self._parameters, body_vertices=jnp.asarray(self.body))
+        state = State(jnp.asarray(self.positions), jnp.zeros(self.positions.shape))
+        state, report = step(self._loose, state, moved, time_step=self._options.relaxation_step)
+        self.positions = np.asarray(state.positions)
+        self._keep(float(report.smallest_distance))
+
+    def towards(self, target: np.ndarray) -> Iterator[tuple[float, float]]:
+        """Advance to a shape; yields the distances that are left and that were to go [m]."""
+        whole = None
         while True:
-            remaining = np.asarray(target) - body
+            remaining = target - self.body
             distance = float(np.max(np.linalg.norm(remaining, axis=1), initial=0.0))
             if distance == 0.0:
-                break
-            part = min(1.0, options.longest_advance / distance)
+                return
+            whole = distance if whole is None else max(whole, distance)
+            still = np.zeros_like(self.positions)
+            if self._bound(still, remaining) >= 1.0:
+                self.body = target
+                return
+            part = min(1.0, self._options.longest_advance / distance)
             advance = part * remaining
-            carried = _carried(x, body, advance)
-            bound = motion_bound(tight, x, carried, body, advance)
+            carried = _carried(self.positions, self.body, advance)
+            bound = self._bound(carried, advance)
             taken = 1.0 if bound >= 1.0 else _SAFETY * bound
-            if taken * part * distance < _SMALLEST_ADVANCE and taken < 1.0:
-                stalled += 1
-                if stalled > 8:
-                    raise InputError(
-                        f"the body cannot move on: after {_percent(number, targets)} of its way "
-                        "the cloth is caught between it and something else",
-                        mend="check that the garment can be put on this body in this pose",
-                    )
-            else:
-                stalled = 0
-            x = x + taken * carried
-            body = np.asarray(target) if taken * part == 1.0 else body + taken * advance
-            moved = replace(parameters, body_vertices=jnp.asarray(body))
-            state = State(jnp.asarray(x), jnp.zeros_like(jnp.asarray(x)))
-            state, _ = step(tight, state, moved, time_step=options.relaxation_step)
-            x = np.asarray(state.positions)
-            if progress is not None:
-                left = distance * (1.0 - taken * part)
-                whole = float(np.max(np.linalg.norm(remaining, axis=1), initial=1e-12))
-                progress((number + 1.0 - left / max(whole, left)) / len(targets))
-    simulator.pattern, simulator.slots = tight.pattern, tight.slots
-    return x
+            self.positions = self.positions + taken * carried
+            self.body = target if taken * part == 1.0 else self.body + taken * advance
+            self.last_advance = taken * part * distance
+            self.relax()
+            yield distance - self.last_advance, whole
 
+    def _bound(self, displacement: np.ndarray, body_displacement: np.ndarray) -> float:
+        return motion_bound(self._loose, self.positions, displacement, self.body, body_displacement)
 
-def _percent(number: int, targets: np.ndarray) -> str:
-    return f"{100 * number // len(targets)} %"
+    def finish(self) -> None:
+        """Relax until everything is further apart than the thickness."""
+        self.relax()
+        wanted = float(self._simulator.settings.thickness)
+        for _ in range(_PATIENCE):
+            if self._smallest > wanted:
+                break
+            self.relax()
+        else:
+            raise InputError(
+                f"parts of the cloth stay {1e3 * self._smallest:.4f} mm from each other or from "
+                f"the body, which is less than the thickness of {1e3 * wanted:.4f} mm",
+                mend="use a smaller thickness, or check that the garment fits this body",
+            )
+        self._simulator.pattern = self._loose.pattern
+        self._simulator.slots = self._loose.slots
 
 
 def _carried(x: np.ndarray, body: np.ndarray, advance: np.ndarray) -> np.ndarray:
