@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
+from typing import NoReturn
 
 import jax.numpy as jnp
 import numpy as np
@@ -258,7 +259,7 @@ def _fine_enough(
 
 def _refuse(
     component: Component, faces: np.ndarray, discretization: Discretization, what: str
-) -> None:
+) -> NoReturn:
     names = [discretization.panel_names[panel] for panel in np.unique(component.face_panel[faces])]
     raise InputError(
         what,

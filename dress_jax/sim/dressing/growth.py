@@ -64,9 +64,9 @@ class Collider:
         targets = self.skeleton.targets
         amounts = np.full((len(self.body), 1), amount)
         limbs = tuple(limb for limb in self.skeleton.limbs if limb.kind is LimbKind.ARM)
-        for limb in limbs if arms is not None else ():
-            share = np.clip(limb.along / _SHOULDER, 0.0, 1.0)[:, None]
-            amounts += share * (arms - amount)
+        difference = 0.0 if arms is None else arms - amount
+        for limb in limbs:
+            amounts += difference * np.clip(limb.along / _SHOULDER, 0.0, 1.0)[:, None]
         thin = (1.0 - amounts) * self.body + amounts * targets
         if arm_length < 1.0:
             thin = drawn_in(thin, limbs, remaining=arm_length)

@@ -106,7 +106,8 @@ def join(surface: Surface, *, clearance: float) -> Joined:
             break
         distance, _ = cKDTree(positions[touched]).query(positions)
         length *= _GROWTH ** np.clip(1.5 - distance / _REACH, 0.0, 1.0)
-    return Joined(positions, touched[faces].any(axis=1), float(length.max()))
+    crossed = np.any(touched[faces], axis=1)
+    return Joined(positions, np.asarray(crossed), float(length.max()))
 
 
 class _Smoother:
