@@ -20,7 +20,7 @@ from dress_jax.core.pytree import pytree
 from dress_jax.core.results import Result
 from dress_jax.energy.cloth import Parameters
 from dress_jax.energy.elastic import TimeStep
-from dress_jax.geometry.intersection import count_intersections
+from dress_jax.geometry.intersection import IntersectionCounts
 from dress_jax.sim.kernels import Frame
 from dress_jax.sim.objective import StepObjective
 from dress_jax.sim.simulator import Simulator
@@ -131,15 +131,10 @@ def _solve(simulator, start, velocity, parameters, body_start, inverse_step):
     )
     objective = StepObjective(simulator, parameters, frame)
     x0 = np.asarray(start)
-    scene = (
-        np.asarray(simulator.cloth.faces).T,
-        np.asarray(parameters.body_vertices),
-        simulator.body_faces,
-    )
-    _check_start(x0, scene, objective, simulator)
+    _check_start(x0, objective)
     solution = minimize(objective, x0, simulator.newton, progress=simulator.progress)
     x = solution.positions
-    crossings = count_intersections(x, *scene, weld_ids=simulator.weld_map)
+    crossings = _count_intersections(x, objective)
     report = Report(
         result=jnp.asarray(int(solution.result)),
         iterations=jnp.asarray(solution.iterations),
@@ -153,17 +148,29 @@ def _solve(simulator, start, velocity, parameters, body_start, inverse_step):
     return jnp.asarray(x), report, (objective, solution.factorization)
 
 
-def _check_start(x0, scene, objective: StepObjective, simulator: Simulator) -> None:
+def _count_intersections(x, objective: StepObjective) -> IntersectionCounts:
+    """The exact test, of a state with the body at the end of the step."""
+    simulator = objective.simulator
+    return simulator.clean_state.count(
+        x,
+        np.asarray(simulator.cloth.faces).T,
+        np.asarray(objective.parameters.body_vertices),
+        simulator.body_faces,
+        weld_map=simulator.weld_map,
+    )
+
+
+def _check_start(x0, objective: StepObjective) -> None:
     """Raise where the start state intersects or is closer than the thickness."""
     mend = "start from a state without intersections, or put the garment on with `dress`"
-    crossings = count_intersections(x0, *scene, weld_ids=simulator.weld_map)
+    crossings = _count_intersections(x0, objective)
     if crossings.self or crossings.body:
         raise InputError(
             f"the start state has {crossings.self} intersections of the cloth with itself and "
             f"{crossings.body} with the body",
             mend=mend,
         )
-    thickness = float(simulator.settings.thickness)
+    thickness = float(objective.simulator.settings.thickness)
     distance = objective.smallest_distance(x0)
     if distance <= thickness:
         raise InputError(

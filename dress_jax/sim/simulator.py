@@ -17,6 +17,7 @@ from dress_jax.core.errors import InputError
 from dress_jax.energy.cloth import Cloth, Gravity, Parameters
 from dress_jax.energy.fabric import Fabric, make_parameters
 from dress_jax.energy.rest import vertex_areas
+from dress_jax.sim.clean_state import CleanState
 from dress_jax.sim.kernels import ElasticSlots
 from dress_jax.sim.sparsity import elastic_slots
 from dress_jax.solver.block_matrix import BlockPattern
@@ -40,6 +41,7 @@ class Simulator:
         broad_phase: box trees.
         weld_map: vertices that are one, or about to become one, share a number.
         progress: called after every Newton iteration.
+        clean_state: the last state that the exact intersection test found clean.
     """
 
     cloth: Cloth
@@ -54,6 +56,7 @@ class Simulator:
     broad_phase: BroadPhase
     weld_map: Int[np.ndarray, " n"] | None = None
     progress: Callable[[NewtonProgress], None] | None = None
+    clean_state: CleanState = dataclasses.field(default_factory=CleanState)
 
     @property
     def vertex_count(self) -> int:
