@@ -20,14 +20,14 @@ jax.config.update("jax_enable_x64", True)
 from PIL import Image, ImageDraw  # noqa: E402
 
 from dress_jax.core.errors import InputError  # noqa: E402
-from dress_jax.energy.fabric import FABRICS, make_parameters  # noqa: E402
+from dress_jax.energy.fabric import FABRICS  # noqa: E402
 from dress_jax.energy.membrane import principal_stretches  # noqa: E402
 from dress_jax.energy.rest import rest_triangles  # noqa: E402
 from dress_jax.io.body_meshes import load_body_mesh  # noqa: E402
 from dress_jax.io.patterns import load_pattern  # noqa: E402
 from dress_jax.pattern import discretize, pattern_parameters, rest_positions  # noqa: E402
 from dress_jax.render.shading import label_colors, preview  # noqa: E402
-from dress_jax.sim import make_simulator, static_solve  # noqa: E402
+from dress_jax.sim import make_simulation, static_solve  # noqa: E402
 from dress_jax.sim.dressing import dress  # noqa: E402
 from dress_jax.solver import NewtonOptions  # noqa: E402
 
@@ -69,16 +69,16 @@ def drape(path: Path, body, body_faces, edge_length: float, fabric, picture: Pat
     rest = np.asarray(rest_positions(pattern_parameters(load_pattern(path)), d))
     garment = dress(d, rest, body, body_faces, fabric=fabric)
     dressed = time.perf_counter() - started
-    simulator = make_simulator(
+    simulator, parameters = make_simulation(
         garment.cloth,
         garment.positions,
-        settings=garment.settings,
+        rest,
+        fabric=fabric,
         body_vertices=body,
         body_faces=body_faces,
+        pin_targets=garment.pin_targets,
+        settings=garment.settings,
         newton=NewtonOptions(tolerance=1e-4, iteration_limit=200),
-    )
-    parameters = make_parameters(
-        garment.cloth, fabric, rest, body_vertices=body, pin_targets=garment.pin_targets
     )
     result = static_solve(simulator, parameters, garment.positions)
     x, faces = np.asarray(result.positions), np.asarray(d.faces)

@@ -28,7 +28,7 @@ from dress_jax.pattern import (
     rest_positions,
 )
 from dress_jax.render.shading import label_colors, preview
-from dress_jax.sim import Simulator, make_simulator, static_solve
+from dress_jax.sim import Simulator, make_simulation, make_simulator, static_solve
 from dress_jax.sim.dressing import DressedGarment, DressingOptions, dress
 from dress_jax.sim.dressing.motion import follow_body
 from dress_jax.sim.equilibrium import Report
@@ -135,21 +135,17 @@ def drape_pattern(
         progress=lambda stage, done: fraction(progress, stage, done),
     )
     dressed = _into_pose(dressed, rest, wearer, fabric, options, progress)
-    simulator = make_simulator(
+    simulator, parameters = make_simulation(
         dressed.cloth,
         dressed.positions,
+        rest,
+        fabric=fabric,
         body_vertices=wearer.vertices,
         body_faces=wearer.faces,
+        pin_targets=dressed.pin_targets,
         settings=dressed.settings,
         newton=options.newton,
         linear_solver=options.dressing.linear_solver,
-    )
-    parameters = make_parameters(
-        dressed.cloth,
-        fabric,
-        jnp.asarray(rest),
-        body_vertices=jnp.asarray(wearer.vertices),
-        pin_targets=jnp.asarray(dressed.pin_targets),
     )
     simulator.progress = newton(progress, "drape", options.newton.iteration_limit)
     drape = static_solve(simulator, parameters, jnp.asarray(dressed.positions))

@@ -5,7 +5,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -32,7 +31,7 @@ from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
 from dress_jax.core.results import Result
 from dress_jax.energy.cloth import make_cloth
-from dress_jax.energy.fabric import make_parameters, named_fabric
+from dress_jax.energy.fabric import named_fabric
 from dress_jax.io.results import DrapedState
 from dress_jax.optimisation import (
     Evaluation,
@@ -49,7 +48,7 @@ from dress_jax.optimisation import (
 )
 from dress_jax.optimisation.trial import fitted_parameters
 from dress_jax.pattern import Discretization, Pattern, discretize, rest_positions
-from dress_jax.sim import make_simulator, static_solve
+from dress_jax.sim import make_simulation, static_solve
 from dress_jax.sim.equilibrium import Report
 
 CHECKPOINT_EVERY = 5
@@ -211,21 +210,17 @@ def _problem(
         pins=start.pins,
         membrane=drape_options.dressing.membrane,
     )
-    simulator = make_simulator(
+    simulator, parameters = make_simulation(
         cloth,
         garment.vertices,
+        garment.rest_positions,
+        fabric=named_fabric(drape_options.fabric),
         body_vertices=start.body_vertices,
         body_faces=start.body_faces,
+        pin_targets=start.pin_targets,
         settings=drape_options.contact,
         newton=drape_options.newton,
         linear_solver=drape_options.dressing.linear_solver,
-    )
-    parameters = make_parameters(
-        cloth,
-        named_fabric(drape_options.fabric),
-        jnp.asarray(garment.rest_positions),
-        body_vertices=jnp.asarray(start.body_vertices),
-        pin_targets=jnp.asarray(start.pin_targets),
     )
     return make_problem(
         pattern,

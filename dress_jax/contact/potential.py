@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from dress_jax.contact.barrier import ContactSettings, barrier, barrier_derivatives
 from dress_jax.contact.candidates import gather, mask
+from dress_jax.core.pytree import pytree, static
 from dress_jax.geometry.distance import (
     edge_edge_closest,
     edge_edge_squared,
@@ -34,6 +35,46 @@ class PairKind(enum.Enum):
 
     VERTEX_FACE = "vertex-face"
     EDGE_EDGE = "edge-edge"
+
+
+@pytree
+class Pairs:
+    """One family of pairs, padded.
+
+    Attributes:
+        indices: stencil vertices, (4, m).
+        count: number of true pairs, ().
+        kind: the family.
+    """
+
+    indices: Int[Array, "4 m"]
+    count: Int[Array, ""]
+    kind: PairKind = static()
+
+
+@pytree
+class Contact:
+    """One family of pairs, and what the barrier between them is made of.
+
+    Attributes:
+        pairs: the pairs.
+        areas: vertex areas of cloth and body [m^2], (n,).
+        barrier_stiffness: contact pressure scale [Pa], ().
+        settings: lengths of the contact model.
+    """
+
+    pairs: Pairs
+    areas: Float[Array, " n"]
+    barrier_stiffness: Float[Array, ""]
+    settings: ContactSettings
+
+
+def stencils(
+    positions: Float[Array, "n 3"], pairs: Pairs
+) -> tuple[Float[Array, "4 3 m"], Bool[Array, " m"]]:
+    """Stencils of the pairs [m], and which of them are true pairs."""
+    indices, count = pairs.indices, pairs.count
+    return gather(positions, indices, count), mask(indices, count)
 
 
 def mollifier(points: Float[Array, "4 3 m"]) -> Float[Array, " m"]:
@@ -60,60 +101,60 @@ def squared_distances(points: Float[Array, "4 3 m"], kind: PairKind) -> Float[Ar
     return edge_edge_squared(points)
 
 
-def pair_areas(areas: Float[Array, " n"], indices: Int[Array, "4 m"], kind: PairKind) -> Array:
+def closest(points: Float[Array, "4 3 m"], kind: PairKind) -> tuple[Array, Array]:
+    """Weights (4, m) of the vertices in the shortest connection, and its squared length [m^2]."""
+    if kind is PairKind.VERTEX_FACE:
+        return vertex_face_closest(points)
+    return edge_edge_closest(points)
+
+
+def pair_areas(areas: Float[Array, " n"], pairs: Pairs) -> Float[Array, " m"]:
     """The area that each pair stands for [m^2]: of its vertex, or the mean over its two edges.
 
     Two facing sheets are seen from both sides and by both families, hence the factors.
     """
-    if kind is PairKind.VERTEX_FACE:
+    indices = pairs.indices
+    if pairs.kind is PairKind.VERTEX_FACE:
         return 0.5 * areas[indices[0]]
     return 0.125 * (areas[indices[0]] + areas[indices[1]] + areas[indices[2]] + areas[indices[3]])
 
 
-def contact_energy(
-    positions: Float[Array, "n 3"],
-    areas: Float[Array, " n"],
-    indices: Int[Array, "4 m"],
-    count: Int[Array, ""],
-    barrier_stiffness: Float[Array, ""],
-    settings: ContactSettings,
-    *,
-    kind: PairKind,
-) -> Float[Array, ""]:
+def energy_scales(points: Float[Array, "4 3 m"], contact: Contact) -> Float[Array, " m"]:
+    """k w m dhat, by which the barrier of each pair is multiplied [J]."""
+    pairs, settings = contact.pairs, contact.settings
+    scale = contact.barrier_stiffness * settings.dhat * pair_areas(contact.areas, pairs)
+    return scale * mollifier(points) if pairs.kind is PairKind.EDGE_EDGE else scale
+
+
+def contact_energy(positions: Float[Array, "n 3"], contact: Contact) -> Float[Array, ""]:
     """Energy of one family of pairs [J]; pairs beyond dhat contribute zero.
 
     Args:
         positions: cloth and body vertices [m].
-        areas: vertex areas of cloth and body [m^2].
-        indices: stencil vertices of the pairs, padded.
-        count: number of true pairs.
+        contact: the pairs.
     """
-    points, used = gather(positions, indices, count), mask(indices, count)
-    value = barrier(squared_distances(points, kind), settings)
-    if kind is PairKind.EDGE_EDGE:
+    pairs, settings = contact.pairs, contact.settings
+    points, used = stencils(positions, pairs)
+    value = barrier(squared_distances(points, pairs.kind), settings)
+    if pairs.kind is PairKind.EDGE_EDGE:
         value = mollifier(points) * value
-    weights = jnp.where(used, pair_areas(areas, indices, kind), 0.0)
-    return barrier_stiffness * settings.dhat * jnp.sum(jnp.where(used, weights * value, 0.0))
+    weights = jnp.where(used, pair_areas(contact.areas, pairs), 0.0)
+    total = jnp.sum(jnp.where(used, weights * value, 0.0))
+    return contact.barrier_stiffness * settings.dhat * total
 
 
-class ContactBlocks(NamedTuple):
-    """Rank-one Hessian of the pairs: block (p, q) is stiffness w_p w_q n n^T."""
+class PairBlocks(NamedTuple):
+    """Hessian of the pairs: block (p, q) is stiffness w_p w_q times a projection.
+
+    The barrier's projection is n n^T, along the normal; that of friction is I - n n^T, across it.
+    """
 
     weights: Float[Array, "4 m"]
     normal: tuple[Array, ...]
     stiffness: Float[Array, " m"]
 
 
-def contact_blocks(
-    positions: Float[Array, "n 3"],
-    areas: Float[Array, " n"],
-    indices: Int[Array, "4 m"],
-    count: Int[Array, ""],
-    barrier_stiffness: Float[Array, ""],
-    settings: ContactSettings,
-    *,
-    kind: PairKind,
-) -> ContactBlocks:
+def contact_blocks(positions: Float[Array, "n 3"], contact: Contact) -> PairBlocks:
     """The positive-semidefinite part that Newton uses: second derivative along the distance.
 
     The other part of the Hessian is the repulsive force times the curvature of the distance. It is
@@ -121,16 +162,12 @@ def contact_blocks(
     blocks positive semidefinite without an eigendecomposition, and the exact Hessian of the last
     iterations makes up for it.
     """
-    points, used = gather(positions, indices, count), mask(indices, count)
-    if kind is PairKind.VERTEX_FACE:
-        weights, squared = vertex_face_closest(points)
-    else:
-        weights, squared = edge_edge_closest(points)
-    derivatives = barrier_derivatives(squared, settings)
+    pairs = contact.pairs
+    points, used = stencils(positions, pairs)
+    weights, squared = closest(points, pairs.kind)
+    derivatives = barrier_derivatives(squared, contact.settings)
     along = 2.0 * derivatives.first + 4.0 * squared * derivatives.second
-    scale = barrier_stiffness * settings.dhat * pair_areas(areas, indices, kind)
-    if kind is PairKind.EDGE_EDGE:
-        scale = scale * mollifier(points)
+    scale = energy_scales(points, contact)
     stiffness = jnp.where(used, scale * jnp.maximum(along, 0.0), 0.0)
     length = jnp.sqrt(jnp.where(used, squared, 1.0))
     normal = tuple(
@@ -138,19 +175,14 @@ def contact_blocks(
         + weights[0] * points[0, k] / length
         for k in range(3)
     )
-    return ContactBlocks(weights, normal, stiffness)
+    return PairBlocks(weights, normal, stiffness)
 
 
 def active_pairs(
-    positions: Float[Array, "n 3"],
-    indices: Int[Array, "4 m"],
-    count: Int[Array, ""],
-    settings: ContactSettings,
-    *,
-    kind: PairKind,
+    positions: Float[Array, "n 3"], pairs: Pairs, settings: ContactSettings
 ) -> tuple[Bool[Array, " m"], Float[Array, ""]]:
     """Which pairs are closer than dhat, and the smallest squared distance of all [m^2]."""
-    points, used = gather(positions, indices, count), mask(indices, count)
-    squared = jnp.where(used, squared_distances(points, kind), jnp.inf)
+    points, used = stencils(positions, pairs)
+    squared = jnp.where(used, squared_distances(points, pairs.kind), jnp.inf)
     reach = (settings.dhat + settings.thickness) ** 2
     return squared < reach, jnp.min(squared, initial=jnp.inf)

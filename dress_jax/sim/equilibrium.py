@@ -14,15 +14,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from dress_jax.contact.potential import PairKind
 from dress_jax.core.errors import InputError
 from dress_jax.core.precision import require_float64
 from dress_jax.core.pytree import pytree
 from dress_jax.core.results import Result
 from dress_jax.energy.cloth import Parameters
 from dress_jax.energy.elastic import TimeStep
-from dress_jax.geometry.intersection import count_intersections
-from dress_jax.sim import kernels
+from dress_jax.geometry.intersection import IntersectionCounts
 from dress_jax.sim.kernels import Frame
 from dress_jax.sim.objective import StepObjective
 from dress_jax.sim.simulator import Simulator
@@ -133,15 +131,10 @@ def _solve(simulator, start, velocity, parameters, body_start, inverse_step):
     )
     objective = StepObjective(simulator, parameters, frame)
     x0 = np.asarray(start)
-    scene = (
-        np.asarray(simulator.cloth.faces).T,
-        np.asarray(parameters.body_vertices),
-        simulator.body_faces,
-    )
-    _check_start(x0, scene, objective, simulator)
+    _check_start(x0, objective)
     solution = minimize(objective, x0, simulator.newton, progress=simulator.progress)
     x = solution.positions
-    crossings = count_intersections(x, *scene, weld_ids=simulator.weld_map)
+    crossings = _count_intersections(x, objective)
     report = Report(
         result=jnp.asarray(int(solution.result)),
         iterations=jnp.asarray(solution.iterations),
@@ -155,17 +148,29 @@ def _solve(simulator, start, velocity, parameters, body_start, inverse_step):
     return jnp.asarray(x), report, (objective, solution.factorization)
 
 
-def _check_start(x0, scene, objective: StepObjective, simulator: Simulator) -> None:
+def _count_intersections(x, objective: StepObjective) -> IntersectionCounts:
+    """The exact test, of a state with the body at the end of the step."""
+    simulator = objective.simulator
+    return simulator.clean_state.count(
+        x,
+        np.asarray(simulator.cloth.faces).T,
+        np.asarray(objective.parameters.body_vertices),
+        simulator.body_faces,
+        weld_map=simulator.weld_map,
+    )
+
+
+def _check_start(x0, objective: StepObjective) -> None:
     """Raise where the start state intersects or is closer than the thickness."""
     mend = "start from a state without intersections, or put the garment on with `dress`"
-    crossings = count_intersections(x0, *scene, weld_ids=simulator.weld_map)
+    crossings = _count_intersections(x0, objective)
     if crossings.self or crossings.body:
         raise InputError(
             f"the start state has {crossings.self} intersections of the cloth with itself and "
             f"{crossings.body} with the body",
             mend=mend,
         )
-    thickness = float(simulator.settings.thickness)
+    thickness = float(objective.simulator.settings.thickness)
     distance = objective.smallest_distance(x0)
     if distance <= thickness:
         raise InputError(
@@ -275,18 +280,13 @@ def mixed_product(
     """
     simulator, frame = objective.simulator, objective.frame
     fixed = (adjoint, positions, simulator.cloth, frame.body_areas, frame.settings)
-    contacts = objective.contacts(np.asarray(positions))
-    parts = [_mixed_elastic(inputs, *fixed)]
-    parts += [_mixed_barrier(inputs, *fixed, contacts[kind], kind=kind) for kind in PairKind]
-    if objective.friction is not None:
-        parts += [
-            _mixed_sliding(inputs, *fixed, pairs, kind=kind)
-            for kind, pairs in zip(PairKind, objective.friction, strict=True)
-        ]
+    terms = objective.terms(objective.contacts(np.asarray(positions)))
+    parts = [_mixed(term.energy, inputs, *fixed, *pairs) for term, pairs in terms]
     return jax.tree.map(lambda *leaves: -sum(leaves[1:], leaves[0]), *parts)
 
 
-def _mixed(energy, inputs: Inputs, adjoint, positions, cloth, body_areas, settings, **pairs):
+@functools.partial(jax.jit, static_argnums=0)
+def _mixed(energy, inputs: Inputs, adjoint, positions, cloth, body_areas, settings, *pairs):
     """Gradient in the inputs of the force along the adjoint."""
 
     def work(inputs: Inputs):
@@ -294,23 +294,8 @@ def _mixed(energy, inputs: Inputs, adjoint, positions, cloth, body_areas, settin
         frame = Frame(TimeStep(start, velocity, inverse_step), body_start, body_areas, settings)
 
         def along(x):
-            return energy(x, parameters, cloth, frame, **pairs)
+            return energy(x, parameters, cloth, frame, *pairs)
 
         return jax.jvp(along, (positions,), (adjoint,))[1]
 
     return jax.grad(work)(inputs)
-
-
-_mixed_elastic = jax.jit(functools.partial(_mixed, kernels.frame_energy))
-
-
-@functools.partial(jax.jit, static_argnames="kind")
-def _mixed_barrier(inputs, adjoint, positions, cloth, body_areas, settings, pairs, *, kind):
-    fixed = (inputs, adjoint, positions, cloth, body_areas, settings)
-    return _mixed(kernels.barrier_energy, *fixed, pairs=pairs, kind=kind)
-
-
-@functools.partial(jax.jit, static_argnames="kind")
-def _mixed_sliding(inputs, adjoint, positions, cloth, body_areas, settings, pairs, *, kind):
-    fixed = (inputs, adjoint, positions, cloth, body_areas, settings)
-    return _mixed(kernels.sliding_energy, *fixed, pairs=pairs, kind=kind)

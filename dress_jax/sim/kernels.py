@@ -6,16 +6,20 @@ projected blocks scattered into the sparse matrix.
 """
 
 import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from dress_jax.contact.barrier import ContactSettings
-from dress_jax.contact.friction import friction_blocks, friction_energy
+from dress_jax.contact.friction import Friction, friction_blocks, friction_energy
 from dress_jax.contact.potential import (
     CONTACT_PAIRS,
-    PairKind,
+    Contact,
+    PairBlocks,
+    Pairs,
     active_pairs,
     contact_blocks,
     contact_energy,
@@ -35,19 +39,6 @@ from dress_jax.solver.block_matrix import (
     scatter_blocks,
     scatter_outer,
 )
-
-
-@pytree
-class Pairs:
-    """One family of pairs, padded.
-
-    Attributes:
-        indices: stencil vertices, (4, m).
-        count: number of true pairs, ().
-    """
-
-    indices: Int[Array, "4 m"]
-    count: Int[Array, ""]
 
 
 @pytree
@@ -90,56 +81,19 @@ def _everything(positions: Array, parameters: Parameters) -> Array:
     return jnp.concatenate([positions, parameters.body_vertices])
 
 
-def barrier_energy(
-    positions: Float[Array, "n 3"],
-    parameters: Parameters,
-    cloth: Cloth,
-    frame: Frame,
-    pairs: Pairs,
-    *,
-    kind: PairKind,
-) -> Float[Array, ""]:
-    """The barrier of one family of pairs [J]."""
-    return contact_energy(
-        _everything(positions, parameters),
-        all_areas(parameters, cloth, frame),
-        pairs.indices,
-        pairs.count,
-        parameters.barrier_stiffness,
-        frame.settings,
-        kind=kind,
-    )
+def _contact(parameters: Parameters, cloth: Cloth, frame: Frame, pairs: Pairs) -> Contact:
+    areas = all_areas(parameters, cloth, frame)
+    return Contact(pairs, areas, parameters.barrier_stiffness, frame.settings)
 
 
-def _friction_arguments(
-    positions: Array, parameters: Parameters, cloth: Cloth, frame: Frame, pairs: Pairs
-) -> tuple:
+def _friction(parameters: Parameters, cloth: Cloth, frame: Frame, pairs: Pairs) -> Friction:
     step_length = 1.0 / frame.step.inverse_step
-    return (
-        _everything(positions, parameters),
-        jnp.concatenate([frame.step.start, frame.body_start]),
-        all_areas(parameters, cloth, frame),
-        pairs.indices,
-        pairs.count,
-        parameters.barrier_stiffness,
-        parameters.friction_coefficient,
-        frame.settings.slip_speed * step_length,
-        frame.settings,
+    return Friction(
+        contact=_contact(parameters, cloth, frame, pairs),
+        start=jnp.concatenate([frame.step.start, frame.body_start]),
+        coefficient=parameters.friction_coefficient,
+        slip_length=frame.settings.slip_speed * step_length,
     )
-
-
-def sliding_energy(
-    positions: Float[Array, "n 3"],
-    parameters: Parameters,
-    cloth: Cloth,
-    frame: Frame,
-    pairs: Pairs,
-    *,
-    kind: PairKind,
-) -> Float[Array, ""]:
-    """Friction of the pairs that were in contact at the start of the step [J]."""
-    arguments = _friction_arguments(positions, parameters, cloth, frame, pairs)
-    return friction_energy(*arguments, kind=kind)
 
 
 def frame_energy(
@@ -149,59 +103,67 @@ def frame_energy(
     return elastic_energy(positions, frame.step, parameters, cloth)
 
 
-elastic_value = jax.jit(frame_energy)
-elastic_gradient = jax.jit(jax.value_and_grad(frame_energy))
-barrier_value = jax.jit(barrier_energy, static_argnames="kind")
-sliding_value = jax.jit(sliding_energy, static_argnames="kind")
+def barrier_energy(
+    positions: Float[Array, "n 3"],
+    parameters: Parameters,
+    cloth: Cloth,
+    frame: Frame,
+    pairs: Pairs,
+) -> Float[Array, ""]:
+    """The barrier of one family of pairs [J]."""
+    everything = _everything(positions, parameters)
+    return contact_energy(everything, _contact(parameters, cloth, frame, pairs))
 
 
-@functools.partial(jax.jit, static_argnames="kind")
-def barrier_gradient(positions, parameters, cloth, frame, pairs, *, kind):
-    """Value and gradient of `barrier_energy`."""
-    return jax.value_and_grad(barrier_energy)(positions, parameters, cloth, frame, pairs, kind=kind)
+def sliding_energy(
+    positions: Float[Array, "n 3"],
+    parameters: Parameters,
+    cloth: Cloth,
+    frame: Frame,
+    pairs: Pairs,
+) -> Float[Array, ""]:
+    """Friction of the pairs that were in contact at the start of the step [J]."""
+    everything = _everything(positions, parameters)
+    return friction_energy(everything, _friction(parameters, cloth, frame, pairs))
 
 
-@functools.partial(jax.jit, static_argnames="kind")
-def sliding_gradient(positions, parameters, cloth, frame, pairs, *, kind):
-    """Value and gradient of `sliding_energy`."""
-    return jax.value_and_grad(sliding_energy)(positions, parameters, cloth, frame, pairs, kind=kind)
+class Kernels(NamedTuple):
+    """An energy of positions, parameters, cloth, frame and, but for the elastic one, pairs.
+
+    Attributes:
+        energy: itself, not compiled [J].
+        value: compiled [J].
+        gradient: value and gradient [N].
+        product: exact Hessian times a direction, which is the second argument.
+    """
+
+    energy: Callable[..., Array]
+    value: Callable[..., Array]
+    gradient: Callable[..., tuple[Array, Array]]
+    product: Callable[..., Array]
+
+
+def _kernels(energy: Callable[..., Array]) -> Kernels:
+    """An energy with its derivatives in the positions, each compiled on its own."""
+
+    def product(positions, direction, *fixed):
+        def gradient(x):
+            return jax.grad(energy)(x, *fixed)
+
+        return jax.jvp(gradient, (positions,), (direction,))[1]
+
+    return Kernels(energy, jax.jit(energy), jax.jit(jax.value_and_grad(energy)), jax.jit(product))
+
+
+ELASTIC = _kernels(frame_energy)
+BARRIER = _kernels(barrier_energy)
+SLIDING = _kernels(sliding_energy)
 
 
 @jax.jit
-def elastic_product(positions, direction, parameters, cloth, frame):
-    """Exact Hessian of the elastic energy times a direction."""
-
-    def gradient(x):
-        return jax.grad(frame_energy)(x, parameters, cloth, frame)
-
-    return jax.jvp(gradient, (positions,), (direction,))[1]
-
-
-@functools.partial(jax.jit, static_argnames="kind")
-def barrier_product(positions, direction, parameters, cloth, frame, pairs, *, kind):
-    """Exact Hessian of the barrier times a direction."""
-
-    def gradient(x):
-        return jax.grad(barrier_energy)(x, parameters, cloth, frame, pairs, kind=kind)
-
-    return jax.jvp(gradient, (positions,), (direction,))[1]
-
-
-@functools.partial(jax.jit, static_argnames="kind")
-def sliding_product(positions, direction, parameters, cloth, frame, pairs, *, kind):
-    """Exact Hessian of friction times a direction."""
-
-    def gradient(x):
-        return jax.grad(sliding_energy)(x, parameters, cloth, frame, pairs, kind=kind)
-
-    return jax.jvp(gradient, (positions,), (direction,))[1]
-
-
-@functools.partial(jax.jit, static_argnames="kind")
-def find_active(positions, parameters, frame, pairs, *, kind):
+def find_active(positions, parameters, frame, pairs):
     """Mask of the pairs closer than dhat, and the smallest squared distance."""
-    everything = _everything(positions, parameters)
-    return active_pairs(everything, pairs.indices, pairs.count, frame.settings, kind=kind)
+    return active_pairs(_everything(positions, parameters), pairs, frame.settings)
 
 
 @functools.partial(jax.jit, static_argnames="capacity")
@@ -254,60 +216,48 @@ def _row(array: Array) -> Array:
     return array[None, :] if array.ndim == 1 else array
 
 
-@functools.partial(jax.jit, static_argnames="kind")
-def barrier_matrix(
-    values: Values,
-    positions: Float[Array, "n 3"],
-    parameters: Parameters,
-    cloth: Cloth,
-    frame: Frame,
-    pairs: Pairs,
-    slots: BlockSlots,
-    *,
-    kind: PairKind,
-) -> Values:
-    """Add the rank-one blocks of the barrier."""
-    weights, normal, stiffness = contact_blocks(
-        _everything(positions, parameters),
-        all_areas(parameters, cloth, frame),
-        pairs.indices,
-        pairs.count,
-        parameters.barrier_stiffness,
-        frame.settings,
-        kind=kind,
-    )
-    vectors = weights[:, None, :] * jnp.stack(normal)[None]
-    return scatter_outer(values, vectors, stiffness, CONTACT_PAIRS, slots)
+def _add_along(values: Values, blocks: PairBlocks, slots: BlockSlots) -> Values:
+    """Add s w_p w_q n n^T."""
+    vectors = blocks.weights[:, None, :] * jnp.stack(blocks.normal)[None]
+    return scatter_outer(values, vectors, blocks.stiffness, CONTACT_PAIRS, slots)
 
 
-@functools.partial(jax.jit, static_argnames="kind")
-def sliding_matrix(
-    values: Values,
-    positions: Float[Array, "n 3"],
-    parameters: Parameters,
-    cloth: Cloth,
-    frame: Frame,
-    pairs: Pairs,
-    slots: BlockSlots,
-    *,
-    kind: PairKind,
-) -> Values:
-    """Add the blocks of friction."""
-    arguments = _friction_arguments(positions, parameters, cloth, frame, pairs)
-    weights, normal, stiffness = friction_blocks(*arguments, kind=kind)
-    first, second = first_and_second(weights, CONTACT_PAIRS, slots)
-    scale = first * second * stiffness[None, :]
-    blocks = [
+def _add_across(values: Values, blocks: PairBlocks, slots: BlockSlots) -> Values:
+    """Add s w_p w_q (I - n n^T)."""
+    normal = blocks.normal
+    first, second = first_and_second(blocks.weights, CONTACT_PAIRS, slots)
+    scale = first * second * blocks.stiffness[None, :]
+    added = [
         [scale * ((1.0 if i == j else 0.0) - (normal[i] * normal[j])[None, :]) for j in range(3)]
         for i in range(3)
     ]
-    return scatter_blocks(values, blocks, slots.slots)
+    return scatter_blocks(values, added, slots.slots)
 
 
-__all__ = [
-    "HINGE_PAIRS",
-    "TRIANGLE_PAIRS",
-    "ElasticSlots",
-    "Frame",
-    "Pairs",
-]
+def _pair_matrix(
+    blocks: Callable[[Array, Any], PairBlocks],
+    carrier: Callable[[Parameters, Cloth, Frame, Pairs], Any],
+    add: Callable[[Values, PairBlocks, BlockSlots], Values],
+) -> Callable[..., Values]:
+    """The compiled function that adds the blocks of one family of pairs to a matrix."""
+
+    def matrix(
+        values: Values,
+        positions: Float[Array, "n 3"],
+        parameters: Parameters,
+        cloth: Cloth,
+        frame: Frame,
+        pairs: Pairs,
+        slots: BlockSlots,
+    ) -> Values:
+        everything = _everything(positions, parameters)
+        return add(values, blocks(everything, carrier(parameters, cloth, frame, pairs)), slots)
+
+    return jax.jit(matrix)
+
+
+barrier_matrix = _pair_matrix(contact_blocks, _contact, _add_along)
+sliding_matrix = _pair_matrix(friction_blocks, _friction, _add_across)
+
+
+__all__ = ["HINGE_PAIRS", "TRIANGLE_PAIRS", "ElasticSlots", "Frame", "Kernels"]

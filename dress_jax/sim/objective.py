@@ -7,12 +7,12 @@ from jaxtyping import Float
 from dress_jax.contact.broad_phase import find_candidates
 from dress_jax.contact.candidates import Candidates, make_candidates
 from dress_jax.contact.ccd import step_bound
-from dress_jax.contact.potential import CONTACT_PAIRS, PairKind
+from dress_jax.contact.potential import CONTACT_PAIRS, PairKind, Pairs
 from dress_jax.core.buckets import bucket_size, pad_columns
 from dress_jax.core.pytree import replace
-from dress_jax.energy.cloth import Parameters
+from dress_jax.energy.cloth import Cloth, Parameters
 from dress_jax.sim import kernels
-from dress_jax.sim.kernels import Frame, Pairs
+from dress_jax.sim.kernels import Frame, Kernels
 from dress_jax.sim.simulator import Simulator
 from dress_jax.sim.sparsity import extended
 from dress_jax.solver.block_matrix import BlockSlots, element_pairs, upper_triangle
@@ -40,11 +40,9 @@ class StepObjective:
         self._candidates: Candidates | None = None
         self._seen = self._motion = np.zeros((0, 3))
         self._body_moved = True
-        self._contacts: dict[PairKind, Pairs] | None = None
+        self._contacts: list[Pairs] | None = None
         self._contacts_at = np.zeros((0, 3))
-        self.friction: tuple[Pairs, Pairs] | None = None
-        if simulator.friction:
-            self.friction = self._find_friction()
+        self._sliding = self._find_friction() if simulator.friction else []
 
     # Candidates
 
@@ -72,30 +70,28 @@ class StepObjective:
             offset = offset - part * self._motion
         return bool(np.max(np.sum(offset**2, axis=1), initial=0.0) <= self._margin**2)
 
-    def pairs(self, positions: Positions) -> dict[PairKind, Pairs]:
-        """All pairs that may be in contact at a state."""
+    def pairs(self, positions: Positions) -> list[Pairs]:
+        """All pairs that may be in contact at a state, by family."""
         self._cover(positions, positions)
         found = self._candidates
         assert found is not None
-        return {
-            PairKind.VERTEX_FACE: Pairs(found.vertex_face, found.vertex_face_count),
-            PairKind.EDGE_EDGE: Pairs(found.edge_edge, found.edge_edge_count),
-        }
+        return [
+            Pairs(found.vertex_face, found.vertex_face_count, PairKind.VERTEX_FACE),
+            Pairs(found.edge_edge, found.edge_edge_count, PairKind.EDGE_EDGE),
+        ]
 
-    def contacts(self, positions: Positions) -> dict[PairKind, Pairs]:
+    def contacts(self, positions: Positions) -> list[Pairs]:
         """The pairs closer than dhat; all others have neither force nor stiffness."""
         if self._contacts is None or not np.array_equal(self._contacts_at, positions):
-            found = {}
-            for kind, pairs in self.pairs(positions).items():
-                mask, _ = kernels.find_active(
-                    positions, self.parameters, self.frame, pairs, kind=kind
-                )
+            found = []
+            for pairs in self.pairs(positions):
+                mask, _ = kernels.find_active(positions, self.parameters, self.frame, pairs)
                 active = np.nonzero(np.asarray(mask))[0]
-                found[kind] = _padded(np.asarray(pairs.indices)[:, active])
+                found.append(_padded(np.asarray(pairs.indices)[:, active], pairs.kind))
             self._contacts, self._contacts_at = found, positions.copy()
         return self._contacts
 
-    def _find_friction(self) -> tuple[Pairs, Pairs]:
+    def _find_friction(self) -> list[Pairs]:
         """Pairs in contact at the start of the step, with the body where it was."""
         body, self._body = self._body, np.asarray(self.frame.body_start)
         parameters = self.parameters
@@ -103,61 +99,54 @@ class StepObjective:
         active = self.contacts(np.asarray(self.frame.step.start))
         self.parameters, self._body = parameters, body
         self._candidates, self._contacts, self._body_moved = None, None, True
-        return active[PairKind.VERTEX_FACE], active[PairKind.EDGE_EDGE]
+        return active
 
     def smallest_distance(self, positions: Positions) -> float:
         """Smallest distance of all candidate pairs [m]; infinite where there are none."""
         smallest = np.inf
-        for kind, pairs in self.pairs(positions).items():
-            _, squared = kernels.find_active(
-                positions, self.parameters, self.frame, pairs, kind=kind
-            )
+        for pairs in self.pairs(positions):
+            _, squared = kernels.find_active(positions, self.parameters, self.frame, pairs)
             smallest = min(smallest, float(squared))
         return float(np.sqrt(smallest))
 
     # Energy and derivatives
 
+    def terms(self, contacts: list[Pairs]) -> list[tuple[Kernels, tuple[Pairs, ...]]]:
+        """The energies that add up to the objective, with the pairs that each one takes."""
+        return [
+            (kernels.ELASTIC, ()),
+            *((kernels.BARRIER, (pairs,)) for pairs in contacts),
+            *((kernels.SLIDING, (pairs,)) for pairs in self._sliding),
+        ]
+
+    @property
+    def _fixed(self) -> tuple[Parameters, Cloth, Frame]:
+        return self.parameters, self._cloth, self.frame
+
     def value(self, positions: Positions) -> float:
         """The energy [J]."""
-        pairs = self.pairs(positions)
-        fixed = (self.parameters, self._cloth, self.frame)
-        total = float(kernels.elastic_value(positions, *fixed))
-        for kind in PairKind:
-            total += float(kernels.barrier_value(positions, *fixed, pairs[kind], kind=kind))
-        if self.friction is not None:
-            for kind, stuck in zip(PairKind, self.friction, strict=True):
-                total += float(kernels.sliding_value(positions, *fixed, stuck, kind=kind))
-        return total
+        return sum(
+            float(term.value(positions, *self._fixed, *pairs))
+            for term, pairs in self.terms(self.pairs(positions))
+        )
 
     def value_and_gradient(self, positions: Positions) -> tuple[float, Positions]:
         """The energy [J] and its gradient [N]."""
-        pairs = self.contacts(positions)
-        fixed = (self.parameters, self._cloth, self.frame)
-        results = [kernels.elastic_gradient(positions, *fixed)]
-        for kind in PairKind:
-            results.append(kernels.barrier_gradient(positions, *fixed, pairs[kind], kind=kind))
-        if self.friction is not None:
-            for kind, stuck in zip(PairKind, self.friction, strict=True):
-                results.append(kernels.sliding_gradient(positions, *fixed, stuck, kind=kind))
+        results = [
+            term.gradient(positions, *self._fixed, *pairs)
+            for term, pairs in self.terms(self.contacts(positions))
+        ]
         total = sum(float(value) for value, _ in results)
         gradient = sum(np.asarray(part) for _, part in results)
         return total, np.asarray(gradient)
 
     def hessian_product(self, positions: Positions, direction: Positions) -> Positions:
         """The exact Hessian times a direction [N]."""
-        pairs = self.contacts(positions)
-        fixed = (self.parameters, self._cloth, self.frame)
-        total = np.array(kernels.elastic_product(positions, direction, *fixed))
-        for kind in PairKind:
-            total += np.asarray(
-                kernels.barrier_product(positions, direction, *fixed, pairs[kind], kind=kind)
-            )
-        if self.friction is not None:
-            for kind, stuck in zip(PairKind, self.friction, strict=True):
-                total += np.asarray(
-                    kernels.sliding_product(positions, direction, *fixed, stuck, kind=kind)
-                )
-        return total
+        parts = [
+            np.asarray(term.product(positions, direction, *self._fixed, *pairs))
+            for term, pairs in self.terms(self.contacts(positions))
+        ]
+        return np.asarray(sum(parts))
 
     def factorize(self, positions: Positions) -> Factorization:
         """The projected Hessian, factorized.
@@ -165,20 +154,16 @@ class StepObjective:
         Raises:
             LinearSolveError: it is not positive definite or not finite.
         """
-        active = self.contacts(positions)
-        families = [(kernels.barrier_matrix, kind, active[kind]) for kind in PairKind]
-        if self.friction is not None:
-            for kind, stuck in zip(PairKind, self.friction, strict=True):
-                families.append((kernels.sliding_matrix, kind, stuck))
-        slots = self._contact_slots([pairs for _, _, pairs in families])
+        families = [(kernels.barrier_matrix, pairs) for pairs in self.contacts(positions)]
+        families += [(kernels.sliding_matrix, pairs) for pairs in self._sliding]
+        slots = self._contact_slots([pairs for _, pairs in families])
 
         simulator = self.simulator
-        fixed = (self.parameters, self._cloth, self.frame)
         values = kernels.elastic_matrix(
-            positions, *fixed, simulator.slots, capacity=simulator.pattern.capacity
+            positions, *self._fixed, simulator.slots, capacity=simulator.pattern.capacity
         )
-        for (kernel, kind, pairs), target in zip(families, slots, strict=True):
-            values = kernel(values, positions, *fixed, pairs, target, kind=kind)
+        for (kernel, pairs), target in zip(families, slots, strict=True):
+            values = kernel(values, positions, *self._fixed, pairs, target)
         return simulator.linear_solver.factorize(upper_triangle(simulator.pattern, values))
 
     def _contact_slots(self, families: list[Pairs]) -> list[BlockSlots]:
@@ -218,8 +203,8 @@ class StepObjective:
         )
 
 
-def _padded(indices: np.ndarray) -> Pairs:
+def _padded(indices: np.ndarray, kind: PairKind) -> Pairs:
     """Pairs padded to a bucket."""
     count = indices.shape[1]
     padded = pad_columns(indices.astype(np.int32), bucket_size(count, smallest=4096))
-    return Pairs(jnp.asarray(padded), jnp.asarray(count, jnp.int32))
+    return Pairs(jnp.asarray(padded), jnp.asarray(count, jnp.int32), kind)

@@ -14,8 +14,10 @@ from jaxtyping import Array, Float, Int
 from dress_jax.contact.barrier import ContactSettings, contact_settings
 from dress_jax.contact.broad_phase import BroadPhase, make_broad_phase, make_collision_mesh
 from dress_jax.core.errors import InputError
-from dress_jax.energy.cloth import Cloth
+from dress_jax.energy.cloth import Cloth, Gravity, Parameters
+from dress_jax.energy.fabric import Fabric, make_parameters
 from dress_jax.energy.rest import vertex_areas
+from dress_jax.sim.clean_state import CleanState
 from dress_jax.sim.kernels import ElasticSlots
 from dress_jax.sim.sparsity import elastic_slots
 from dress_jax.solver.block_matrix import BlockPattern
@@ -39,6 +41,7 @@ class Simulator:
         broad_phase: box trees.
         weld_map: vertices that are one, or about to become one, share a number.
         progress: called after every Newton iteration.
+        clean_state: the last state that the exact intersection test found clean.
     """
 
     cloth: Cloth
@@ -53,6 +56,7 @@ class Simulator:
     broad_phase: BroadPhase
     weld_map: Int[np.ndarray, " n"] | None = None
     progress: Callable[[NewtonProgress], None] | None = None
+    clean_state: CleanState = dataclasses.field(default_factory=CleanState)
 
     @property
     def vertex_count(self) -> int:
@@ -126,3 +130,52 @@ def make_simulator(
         broad_phase=make_broad_phase(mesh, np.concatenate([positions, body])),
         weld_map=weld_map,
     )
+
+
+def make_simulation(
+    cloth: Cloth,
+    positions: Float[np.ndarray, "n 3"],
+    rest_positions: Float[np.ndarray, "p 2"],
+    *,
+    fabric: Fabric,
+    body_vertices: Float[np.ndarray, "b 3"],
+    body_faces: Int[np.ndarray, "k 3"],
+    pin_targets: Float[np.ndarray, "k 3"] | None = None,
+    gravity: Gravity = Gravity.DOWN,
+    settings: ContactSettings | None = None,
+    newton: NewtonOptions | None = None,
+    linear_solver: str = "auto",
+) -> tuple[Simulator, Parameters]:
+    """A simulator without friction, and parameters of one fabric, for the same cloth and body.
+
+    Args:
+        cloth: topology of the garment.
+        positions: typical positions [m], (n, 3).
+        rest_positions: panel coordinates [m], (p, 2).
+        fabric: of the whole garment.
+        body_vertices, body_faces: the body [m].
+        pin_targets: where pins are held [m].
+        gravity: direction and strength.
+        settings, newton, linear_solver: see `make_simulator`.
+
+    Raises:
+        InputError: arrays that do not fit each other.
+    """
+    simulator = make_simulator(
+        cloth,
+        positions,
+        body_vertices=body_vertices,
+        body_faces=body_faces,
+        settings=settings,
+        newton=newton,
+        linear_solver=linear_solver,
+    )
+    parameters = make_parameters(
+        cloth,
+        fabric,
+        jnp.asarray(rest_positions),
+        body_vertices=jnp.asarray(body_vertices),
+        pin_targets=None if pin_targets is None else jnp.asarray(pin_targets),
+        gravity=gravity,
+    )
+    return simulator, parameters

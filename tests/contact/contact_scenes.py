@@ -7,7 +7,8 @@ import numpy as np
 from scenes import grid
 
 from dress_jax.contact.barrier import contact_settings
-from dress_jax.contact.potential import PairKind
+from dress_jax.contact.potential import Contact, PairKind, Pairs
+from dress_jax.core.pytree import replace
 from dress_jax.geometry.topology import unique_edges
 
 SETTINGS = contact_settings(dhat=0.6, thickness=0.05, slip_speed=1e-3)
@@ -32,7 +33,7 @@ def all_pairs(faces: np.ndarray, vertex_count: int, kind: PairKind) -> np.ndarra
 
 
 def facing_sheets(kind: PairKind, *, gap: float = 0.35, seed: int = 0):
-    """Positions (18, 3), vertex areas (18,), pairs (4, m) and their number."""
+    """Positions (18, 3), and every pair of one kind."""
     rng = np.random.default_rng(seed)
     lower, faces = grid(3, spacing=1.0)
     turn = np.array([[np.cos(0.4), 0, np.sin(0.4)], [0, 1, 0], [-np.sin(0.4), 0, np.cos(0.4)]])
@@ -41,9 +42,15 @@ def facing_sheets(kind: PairKind, *, gap: float = 0.35, seed: int = 0):
     positions = positions + 0.05 * rng.normal(size=positions.shape)
     areas = rng.uniform(0.5, 1.5, len(positions))
     pairs = all_pairs(np.concatenate([faces, faces + len(lower)]), len(lower), kind)
-    return (
-        jnp.asarray(positions),
-        jnp.asarray(areas),
-        jnp.asarray(pairs),
-        jnp.asarray(pairs.shape[1]),
-    )
+    return jnp.asarray(positions), contact_of(pairs, areas, kind)
+
+
+def contact_of(indices: np.ndarray, areas: np.ndarray, kind: PairKind) -> Contact:
+    """Pairs without padding, of the stiffness and the lengths above."""
+    pairs = Pairs(jnp.asarray(indices), jnp.asarray(indices.shape[1]), kind)
+    return Contact(pairs, jnp.asarray(areas), STIFFNESS, SETTINGS)
+
+
+def with_pairs(contact: Contact, **changes) -> Contact:
+    """The same contact with other indices or another count."""
+    return replace(contact, pairs=replace(contact.pairs, **changes))

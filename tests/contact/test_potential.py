@@ -4,21 +4,25 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from contact_scenes import KINDS, SETTINGS, STIFFNESS, facing_sheets
+from contact_scenes import KINDS, SETTINGS, contact_of, facing_sheets, with_pairs
 from scipy.spatial.transform import Rotation
 
 from dress_jax.contact.barrier import barrier, barrier_derivatives, contact_settings
-from dress_jax.contact.candidates import gather
 from dress_jax.contact.potential import (
+    Contact,
     PairKind,
+    Pairs,
     active_pairs,
+    closest,
     contact_blocks,
     contact_energy,
     mollifier,
     pair_areas,
     squared_distances,
+    stencils,
 )
 from dress_jax.core.buckets import pad_columns
+from dress_jax.core.pytree import replace
 from dress_jax.geometry.distance import edge_edge_closest, vertex_face_closest
 from dress_jax.geometry.topology import unique_edges
 from tests.central_differences import UNOPTIMIZED, check_energy_derivatives
@@ -33,123 +37,103 @@ SHEET_TOLERANCE = 0.15
 # Room for the finest of the two facing meshes, so that all of them run one program.
 LARGEST_MESH, MOST_PAIRS = 2048, 32768
 
-energy = jax.jit(contact_energy, static_argnames="kind")
-force = jax.jit(jax.grad(contact_energy), static_argnames="kind")
-matrices = jax.jit(contact_blocks, static_argnames="kind")
-distances = jax.jit(
-    lambda x, pairs, count, kind: squared_distances(gather(x, pairs, count), kind),
-    static_argnames="kind",
-)
+energy = jax.jit(contact_energy)
+force = jax.jit(jax.grad(contact_energy))
+matrices = jax.jit(contact_blocks)
+distances = jax.jit(lambda x, pairs: squared_distances(stencils(x, pairs)[0], pairs.kind))
 
 
 @KIND
 def test_derivatives(kind):
     """In positions, areas and stiffness, to second order."""
-    positions, areas, pairs, count = facing_sheets(kind)
+    positions, contact = facing_sheets(kind)
 
     def value(x, areas, stiffness):
-        return contact_energy(x, areas, pairs, count, stiffness, SETTINGS, kind=kind)
+        return contact_energy(x, replace(contact, areas=areas, barrier_stiffness=stiffness))
 
-    arguments = (positions, areas, STIFFNESS)
+    arguments = (positions, contact.areas, contact.barrier_stiffness)
     check_energy_derivatives(value, arguments, step=1e-6, tolerance=FINITE_DIFFERENCE)
 
 
 @KIND
 def test_rest_shape_derivative(kind):
     """S9.7: the areas carry a derivative; it is the energy that each unit of area costs."""
-    positions, areas, pairs, count = facing_sheets(kind)
-    arguments = (pairs, count, STIFFNESS, SETTINGS)
-    by_areas = jax.jit(jax.grad(contact_energy, 1), static_argnames="kind")
-    derivative = by_areas(positions, areas, *arguments, kind=kind)
+    positions, contact = facing_sheets(kind)
+    by_areas = jax.jit(
+        jax.grad(lambda areas: contact_energy(positions, replace(contact, areas=areas)))
+    )
+    derivative = by_areas(contact.areas)
     assert np.count_nonzero(derivative) >= 6
-    value = energy(positions, areas, *arguments, kind=kind)
-    np.testing.assert_allclose(np.vdot(derivative, areas), value, rtol=1e-13)  # linear in the areas
+    # Linear in the areas.
+    value = energy(positions, contact)
+    np.testing.assert_allclose(np.vdot(derivative, contact.areas), value, rtol=1e-13)
 
 
 @KIND
 def test_force_and_torque_vanish(kind):
     """The energy does not change under rigid motions, so forces and torques add up to zero."""
-    positions, areas, pairs, count = facing_sheets(kind)
-    arguments = (areas, pairs, count, STIFFNESS, SETTINGS)
-    f = np.asarray(force(positions, *arguments, kind=kind))
+    positions, contact = facing_sheets(kind)
+    f = np.asarray(force(positions, contact))
     scale = np.abs(f).max()
     assert scale > 0.1
     np.testing.assert_allclose(f.sum(0), 0.0, atol=1e-12 * scale)
     np.testing.assert_allclose(np.cross(positions, f).sum(0), 0.0, atol=1e-11 * scale)
     turn = Rotation.random(random_state=np.random.default_rng(1)).as_matrix()
     moved = jnp.asarray(np.asarray(positions) @ turn.T + np.array([1.0, -2.0, 0.5]))
-    np.testing.assert_allclose(
-        energy(moved, *arguments, kind=kind), energy(positions, *arguments, kind=kind), rtol=1e-12
-    )
-    turned = force(moved, *arguments, kind=kind)
+    np.testing.assert_allclose(energy(moved, contact), energy(positions, contact), rtol=1e-12)
+    turned = force(moved, contact)
     np.testing.assert_allclose(turned, f @ turn.T, rtol=0, atol=1e-11 * scale)
 
 
 @KIND
 def test_padding_and_order_do_not_matter(kind):
-    positions, areas, pairs, count = facing_sheets(kind)
+    positions, contact = facing_sheets(kind)
+    pairs, count = contact.pairs.indices, contact.pairs.count
     shuffled = np.asarray(pairs)[:, np.random.default_rng(2).permutation(pairs.shape[1])]
-    rest = (STIFFNESS, SETTINGS)
-    reference = energy(positions, areas, pairs, count, *rest, kind=kind)
-    gradient = force(positions, areas, pairs, count, *rest, kind=kind)
-    shuffled = jnp.asarray(shuffled)
-    np.testing.assert_allclose(
-        energy(positions, areas, shuffled, count, *rest, kind=kind), reference, rtol=1e-13
-    )
-    np.testing.assert_allclose(
-        force(positions, areas, shuffled, count, *rest, kind=kind), gradient, atol=1e-12
-    )
+    reference = energy(positions, contact)
+    gradient = force(positions, contact)
+    shuffled = with_pairs(contact, indices=jnp.asarray(shuffled))
+    np.testing.assert_allclose(energy(positions, shuffled), reference, rtol=1e-13)
+    np.testing.assert_allclose(force(positions, shuffled), gradient, atol=1e-12)
     # More padding; what stands in it, here pairs at a distance of zero, is not looked at.
-    padded = jnp.pad(shuffled, [(0, 0), (0, 37)])
-    np.testing.assert_allclose(
-        energy(positions, areas, padded, count, *rest, kind=kind), reference, rtol=1e-13
-    )
-    few = count - 30
-    garbage = pairs.at[:, -30:].set(0)
-    np.testing.assert_array_equal(
-        force(positions, areas, garbage, few, *rest, kind=kind),
-        force(positions, areas, pairs, few, *rest, kind=kind),
-    )
-    blocks = matrices(positions, areas, garbage, few, *rest, kind=kind)
+    padded = with_pairs(contact, indices=jnp.pad(shuffled.pairs.indices, [(0, 0), (0, 37)]))
+    np.testing.assert_allclose(energy(positions, padded), reference, rtol=1e-13)
+    few = with_pairs(contact, count=count - 30)
+    garbage = with_pairs(few, indices=pairs.at[:, -30:].set(0))
+    np.testing.assert_array_equal(force(positions, garbage), force(positions, few))
+    blocks = matrices(positions, garbage)
     np.testing.assert_array_equal(blocks.stiffness[-30:], 0.0)
     assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(blocks))
 
-    none = 0 * count
-    assert float(energy(positions, areas, garbage, none, *rest, kind=kind)) == 0.0
-    assert not np.any(force(positions, areas, garbage, none, *rest, kind=kind))
-    active, smallest = active_pairs(positions, garbage, none, SETTINGS, kind=kind)
+    none = with_pairs(garbage, count=0 * count)
+    assert float(energy(positions, none)) == 0.0
+    assert not np.any(force(positions, none))
+    active, smallest = active_pairs(positions, none.pairs, SETTINGS)
     assert not active.any() and float(smallest) == np.inf
 
 
 @KIND
 def test_vertices_may_be_numbered_in_any_order(kind):
-    positions, areas, pairs, count = facing_sheets(kind)
+    positions, contact = facing_sheets(kind)
     order = np.random.default_rng(3).permutation(len(positions))
     inverse = np.argsort(order)
-    other = energy(
-        positions[order],
-        areas[order],
-        jnp.asarray(inverse[pairs]),
-        count,
-        STIFFNESS,
-        SETTINGS,
-        kind=kind,
+    other = contact_of(inverse[contact.pairs.indices], contact.areas[order], kind)
+    np.testing.assert_allclose(
+        energy(positions[order], other), energy(positions, contact), rtol=1e-13
     )
-    reference = energy(positions, areas, pairs, count, STIFFNESS, SETTINGS, kind=kind)
-    np.testing.assert_allclose(other, reference, rtol=1e-13)
 
 
 @KIND
 def test_active_pairs_are_those_with_energy(kind):
-    positions, _, pairs, count = facing_sheets(kind)
-    active, smallest = active_pairs(positions, pairs, count, SETTINGS, kind=kind)
-    squared = distances(positions, pairs, count, kind)
+    positions, contact = facing_sheets(kind)
+    active, smallest = active_pairs(positions, contact.pairs, SETTINGS)
+    squared = distances(positions, contact.pairs)
     np.testing.assert_array_equal(active, np.asarray(barrier(squared, SETTINGS)) > 0.0)
     assert 0 < int(active.sum()) < len(active)
     assert float(smallest) == float(squared.min())
     # No pair beyond dhat has a force.
     far = facing_sheets(kind, gap=2.0)
-    assert not np.any(force(*far, STIFFNESS, SETTINGS, kind=kind))
+    assert not np.any(force(*far))
 
 
 def test_energy_of_one_vertex_above_a_face():
@@ -157,8 +141,8 @@ def test_energy_of_one_vertex_above_a_face():
     d, area = 0.2, 0.7
     positions = jnp.array([[0.2, d, 0.2], [0.0, 0, 0], [1, 0, 0], [0, 0, 1]])
     areas = jnp.array([area, 5.0, 6.0, 7.0])
-    pairs, one = jnp.arange(4)[:, None], jnp.asarray(1)
-    value = energy(positions, areas, pairs, one, STIFFNESS, SETTINGS, kind=PairKind.VERTEX_FACE)
+    one = np.arange(4)[:, None]
+    value = energy(positions, contact_of(one, areas, PairKind.VERTEX_FACE))
     expected = 1.3 * 0.5 * area * 0.6 * float(barrier(jnp.asarray(d**2), SETTINGS))
     np.testing.assert_allclose(value, expected, rtol=1e-14)
 
@@ -170,8 +154,8 @@ def test_energy_of_two_crossing_edges(angle):
     cos, sin = np.cos(angle), np.sin(angle)
     positions = jnp.array([[-0.5, 0, 0], [0.5, 0, 0], [-cos, d, -sin], [cos, d, sin]])
     areas = jnp.array([0.1, 0.2, 0.3, 0.5])
-    pairs, one = jnp.arange(4)[:, None], jnp.asarray(1)
-    value = energy(positions, areas, pairs, one, STIFFNESS, SETTINGS, kind=PairKind.EDGE_EDGE)
+    one = np.arange(4)[:, None]
+    value = energy(positions, contact_of(one, areas, PairKind.EDGE_EDGE))
     ratio = min(sin**2 / 1e-3, 1.0)
     fade = (2.0 - ratio) * ratio
     expected = 1.3 * fade * 0.5 * 0.275 * 0.6 * float(barrier(jnp.asarray(d**2), SETTINGS))
@@ -185,21 +169,18 @@ def test_blocks_are_the_part_along_the_normal(kind):
 
     With D = d^2, v = w (x) n and E = c b(D): Hess E - c b' (Hess D - 2 v v^T).
     """
-    positions, areas, pairs, count = facing_sheets(kind)
-    squared = distances(positions, pairs, count, kind)
+    positions, contact = facing_sheets(kind)
+    squared, (points, _) = distances(positions, contact.pairs), stencils(positions, contact.pairs)
     reach = (float(SETTINGS.dhat) + float(SETTINGS.thickness)) ** 2
     keep = np.asarray(squared) < reach
     if kind is PairKind.EDGE_EDGE:
-        keep &= np.asarray(mollifier(gather(positions, pairs, count))) == 1.0
+        keep &= np.asarray(mollifier(points)) == 1.0
     assert keep.sum() > 10
-    weights, normal, stiffness = matrices(
-        positions, areas, pairs, count, STIFFNESS, SETTINGS, kind=kind
-    )
+    weights, normal, stiffness = matrices(positions, contact)
     v = np.einsum("pm,km->mpk", weights, np.array(normal)).reshape(-1, 12)
     blocks = np.asarray(stiffness)[:, None, None] * v[:, :, None] * v[:, None, :]
 
-    points = jnp.moveaxis(gather(positions, pairs, count), 2, 0)
-    scale = STIFFNESS * SETTINGS.dhat * pair_areas(areas, pairs, kind)
+    scale = contact.barrier_stiffness * SETTINGS.dhat * pair_areas(contact.areas, contact.pairs)
 
     @functools.partial(jax.jit, compiler_options=UNOPTIMIZED)
     @jax.vmap
@@ -211,7 +192,9 @@ def test_blocks_are_the_part_along_the_normal(kind):
             x
         )
 
-    full, curvature = (np.asarray(part).reshape(-1, 12, 12) for part in oracle(points, scale))
+    full, curvature = (
+        np.asarray(part).reshape(-1, 12, 12) for part in oracle(jnp.moveaxis(points, 2, 0), scale)
+    )
     first = barrier_derivatives(squared, SETTINGS).first
     left_out = np.asarray(scale * first)[:, None, None] * (
         curvature - 2.0 * v[:, :, None] * v[:, None, :]
@@ -226,11 +209,13 @@ def test_blocks_are_the_part_along_the_normal(kind):
 
 @KIND
 def test_weights_and_normal_of_the_blocks(kind):
-    positions, areas, pairs, count = facing_sheets(kind)
-    weights, normal, _ = matrices(positions, areas, pairs, count, STIFFNESS, SETTINGS, kind=kind)
+    positions, contact = facing_sheets(kind)
+    weights, normal, _ = matrices(positions, contact)
     np.testing.assert_allclose(np.linalg.norm(normal, axis=0), 1.0, rtol=1e-12)
-    closest = vertex_face_closest if kind is PairKind.VERTEX_FACE else edge_edge_closest
-    expected, _ = closest(gather(positions, pairs, count))
+    own = vertex_face_closest if kind is PairKind.VERTEX_FACE else edge_edge_closest
+    points, _ = stencils(positions, contact.pairs)
+    expected, squared = own(points)
+    np.testing.assert_array_equal(closest(points, kind)[1], squared)
     np.testing.assert_allclose(weights, expected, rtol=0, atol=1e-14)
 
 
@@ -276,8 +261,10 @@ def _sheet_energies(count: int, dhat: float) -> dict[PairKind, float]:
     energies = {}
     for kind, pairs in rows.items():
         padded = jnp.asarray(pad_columns(pairs.T, MOST_PAIRS))
-        arguments = (padded, jnp.asarray(len(pairs)), jnp.asarray(1.0, jnp.float64), settings)
-        value = energy(jnp.asarray(positions), jnp.asarray(areas), *arguments, kind=kind)
+        padded = Pairs(padded, jnp.asarray(len(pairs)), kind)
+        stiffness = jnp.asarray(1.0, jnp.float64)
+        contact = Contact(padded, jnp.asarray(areas), stiffness, settings)
+        value = energy(jnp.asarray(positions), contact)
         energies[kind] = float(value) / unit
     return energies
 
@@ -301,15 +288,17 @@ def test_one_bucket_is_one_program():
     """A new count or new indices of the same shape run the same program."""
     traces = []
 
-    @functools.partial(jax.jit, static_argnames="kind")
-    def counted(*arguments, kind):
-        traces.append(kind)
-        return contact_energy(*arguments, kind=kind)
+    @jax.jit
+    def counted(positions, contact):
+        traces.append(contact.pairs.kind)
+        return contact_energy(positions, contact)
 
-    positions, areas, pairs, count = facing_sheets(PairKind.VERTEX_FACE)
+    positions, contact = facing_sheets(PairKind.VERTEX_FACE)
+    indices, count = contact.pairs.indices, contact.pairs.count
     for used in (count, count - 3, jnp.asarray(0)):
-        counted(positions, areas, pairs, used, STIFFNESS, SETTINGS, kind=PairKind.VERTEX_FACE)
-    counted(positions, areas, pairs[:, ::-1], count, 2.0 * STIFFNESS, SETTINGS, kind=KINDS[0])
-    assert len(traces) == 1
-    counted(positions, areas, pairs, count, STIFFNESS, SETTINGS, kind=PairKind.EDGE_EDGE)
+        counted(positions, with_pairs(contact, count=used))
+    other = with_pairs(contact, indices=indices[:, ::-1])
+    counted(positions, replace(other, barrier_stiffness=2.0 * contact.barrier_stiffness))
+    assert traces == [PairKind.VERTEX_FACE]
+    counted(positions, with_pairs(contact, kind=PairKind.EDGE_EDGE))
     assert len(traces) == 2

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dress_jax.contact.barrier import contact_settings
-from dress_jax.contact.potential import CONTACT_PAIRS, PairKind
+from dress_jax.contact.potential import CONTACT_PAIRS, PairKind, Pairs
 from dress_jax.core import components as c
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import make_cloth
@@ -62,18 +62,18 @@ def test_elastic_matrix_is_the_exact_hessian_of_a_flat_stretched_sheet(scene):
     )
     eye = jnp.eye(18).reshape(18, 6, 3)
     exact = np.stack(
-        [kernels.elastic_product(flat, d, parameters, cloth, frame).ravel() for d in eye]
+        [kernels.ELASTIC.product(flat, d, parameters, cloth, frame).ravel() for d in eye]
     )
     scale = np.abs(exact).max()
     # theta is of order 1e-9 where the arctangent of a flat hinge is rounded.
     np.testing.assert_allclose(_dense(pattern, values), exact, rtol=0, atol=1e-8 * scale)
 
 
-def _pairs(rows) -> kernels.Pairs:
+def _pairs(rows, *, kind=PairKind.VERTEX_FACE, capacity=CAPACITY) -> Pairs:
     """Pairs padded to a capacity that no other test uses."""
-    padded = np.zeros((4, CAPACITY), np.int32)
+    padded = np.zeros((4, capacity), np.int32)
     padded[:, : len(rows)] = np.array(rows, np.int32).T
-    return kernels.Pairs(jnp.asarray(padded), jnp.asarray(len(rows), jnp.int32))
+    return Pairs(jnp.asarray(padded), jnp.asarray(len(rows), jnp.int32), kind)
 
 
 BODY_PAIRS = [[vertex, 6, 7, 8] for vertex in range(6)]
@@ -97,16 +97,10 @@ def test_contact_matrix_against_the_exact_hessian(scene):
         frame,
         pairs,
         slots,
-        kind=PairKind.VERTEX_FACE,
     )
     eye = jnp.eye(18).reshape(18, 6, 3)
     arguments = (parameters, cloth, frame, pairs)
-    exact = np.stack(
-        [
-            kernels.barrier_product(positions, d, *arguments, kind=PairKind.VERTEX_FACE).ravel()
-            for d in eye
-        ]
-    )
+    exact = np.stack([kernels.BARRIER.product(positions, d, *arguments).ravel() for d in eye])
     assert np.abs(exact).max() > 0.1
     np.testing.assert_allclose(
         _dense(pattern, values), exact, rtol=0, atol=1e-11 * np.abs(exact).max()
@@ -121,12 +115,10 @@ def test_friction_matrix_at_rest(scene):
     pattern, _ = elastic_slots(cloth)
     slots = element_slots(pattern, np.asarray(pairs.indices), CONTACT_PAIRS)
     arguments = (parameters, cloth, frame, pairs)
-    values = kernels.sliding_matrix(
-        empty_values(pattern.capacity), start, *arguments, slots, kind=PairKind.VERTEX_FACE
-    )
+    values = kernels.sliding_matrix(empty_values(pattern.capacity), start, *arguments, slots)
     exact = np.stack(
         [
-            kernels.sliding_product(start, d, *arguments, kind=PairKind.VERTEX_FACE).ravel()
+            kernels.SLIDING.product(start, d, *arguments).ravel()
             for d in jnp.eye(18).reshape(18, 6, 3)
         ]
     )
@@ -152,19 +144,17 @@ def test_kernels_are_traced_once_per_bucket(scene, monkeypatch):
     traces = []
     original = kernels.contact_energy
 
-    def counted(*arguments, **options):
-        traces.append(options["kind"])
-        return original(*arguments, **options)
+    def counted(positions, contact):
+        traces.append(contact.pairs.kind)
+        return original(positions, contact)
 
     monkeypatch.setattr(kernels, "contact_energy", counted)
     cloth, parameters, frame, positions = scene
 
     def run(rows, factor=1.0, *, kind=PairKind.VERTEX_FACE, capacity=CAPACITY + 2):
-        padded = np.zeros((4, capacity), np.int32)
-        padded[:, : len(rows)] = np.array(rows, np.int32).T
-        pairs = kernels.Pairs(jnp.asarray(padded), jnp.asarray(len(rows), jnp.int32))
+        pairs = _pairs(rows, kind=kind, capacity=capacity)
         stiffer = replace(parameters, barrier_stiffness=factor * parameters.barrier_stiffness)
-        kernels.barrier_value(factor * positions, stiffer, cloth, frame, pairs, kind=kind)
+        kernels.BARRIER.value(factor * positions, stiffer, cloth, frame, pairs)
 
     run(BODY_PAIRS)
     assert len(traces) == 1
@@ -196,7 +186,7 @@ def test_elastic_kernel_is_traced_once(scene, monkeypatch):
     frame = replace(frame, step=step)
     for factor in (1.0, 1.2):
         parameters = make_parameters(cloth, SOFT, factor * rest)
-        value, gradient = kernels.elastic_gradient(factor * positions, parameters, cloth, frame)
+        value, gradient = kernels.ELASTIC.gradient(factor * positions, parameters, cloth, frame)
         assert np.isfinite(value) and len(c.split(gradient)) == 3
     assert len(traces) == 1
     jax.block_until_ready(gradient)
