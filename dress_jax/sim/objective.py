@@ -156,7 +156,7 @@ class StepObjective:
         """
         families = [(kernels.barrier_matrix, pairs) for pairs in self.contacts(positions)]
         families += [(kernels.sliding_matrix, pairs) for pairs in self._sliding]
-        slots = self._contact_slots([pairs for _, pairs in families])
+        slots = self._contact_slots([pairs for _, pairs in families], positions)
 
         simulator = self.simulator
         values = kernels.elastic_matrix(
@@ -166,7 +166,7 @@ class StepObjective:
             values = kernel(values, positions, *self._fixed, pairs, target)
         return simulator.linear_solver.factorize(upper_triangle(simulator.pattern, values))
 
-    def _contact_slots(self, families: list[Pairs]) -> list[BlockSlots]:
+    def _contact_slots(self, families: list[Pairs], positions: Positions) -> list[BlockSlots]:
         """Slots of contact pairs; extends the pattern where it lacks a block."""
         simulator = self.simulator
         size = simulator.pattern.size
@@ -177,14 +177,26 @@ class StepObjective:
             wanted.append(element_pairs(np.where(used, indices, size), CONTACT_PAIRS))
         found = [simulator.pattern.find(first, second) for first, second in wanted]
         if not all(complete for _, _, complete in found):
+            # With room for pairs that are about to touch: every new pattern is analysed anew.
             simulator.pattern, simulator.slots = extended(
-                simulator.cloth, simulator.pattern, wanted
+                simulator.cloth, simulator.pattern, wanted + self._near_pairs(positions)
             )
             found = [simulator.pattern.find(first, second) for first, second in wanted]
         return [
             BlockSlots(jnp.asarray(slots), jnp.asarray(transposed))
             for slots, transposed, _ in found
         ]
+
+    def _near_pairs(self, positions: Positions) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Blocks of the pairs within twice the reach of the barrier."""
+        settings = self.simulator.settings
+        wide = replace(self.frame, settings=replace(settings, dhat=2.0 * settings.dhat))
+        found = []
+        for pairs in self.pairs(positions):
+            mask, _ = kernels.find_active(positions, self.parameters, wide, pairs)
+            near = np.nonzero(np.asarray(mask))[0]
+            found.append(element_pairs(np.asarray(pairs.indices)[:, near], CONTACT_PAIRS))
+        return found
 
     # Steps
 

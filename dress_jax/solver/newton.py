@@ -101,6 +101,7 @@ _ARMIJO = 1e-4
 _SHORTEST_FRACTION = 1e-10
 _EXACT_TOLERANCE = 1e-3  # of the inner conjugate gradients
 _EXACT_LIMIT = 40
+_LONGEST_PATIENCE = 32  # iterations between two attempts at the exact Hessian
 _ROUNDING = 64.0 * np.finfo(float).eps
 
 
@@ -133,6 +134,7 @@ def minimize(
         residual = float(np.max(np.linalg.norm(gradient, axis=1), initial=0.0))
         return NewtonSolution(x, result, iterations, size, energy, residual, factorization)
 
+    patience, next_exact = 1, 0
     for iteration in range(options.iteration_limit):
         if not (math.isfinite(energy) and np.all(np.isfinite(gradient))):
             return finish(Result.NON_FINITE, iteration)
@@ -140,7 +142,7 @@ def minimize(
         try:
             factorization = objective.factorize(x)
             direction = -factorization.solve(gradient.ravel()).reshape(x.shape)
-            if _longest(direction) < options.exact_below:
+            if iteration >= next_exact and _longest(direction) < options.exact_below:
                 refined = conjugate_gradient(
                     hessian_operator(objective, x),
                     -gradient.ravel(),
@@ -148,6 +150,10 @@ def minimize(
                     tolerance=_EXACT_TOLERANCE,
                     iteration_limit=_EXACT_LIMIT,
                 )
+                # Where the exact Hessian is indefinite, as in a cloth that is about to buckle, it
+                # stays so for a while: ask again after twice as many iterations.
+                patience = 1 if refined.converged else min(2 * patience, _LONGEST_PATIENCE)
+                next_exact = iteration + patience
                 if refined.converged:
                     direction, exact = refined.solution.reshape(x.shape), True
         except LinearSolveError:
