@@ -77,7 +77,6 @@ def drape(path: Path, body, body_faces, edge_length: float, fabric, picture: Pat
         body_vertices=body,
         body_faces=body_faces,
         pin_targets=garment.pin_targets,
-        settings=garment.settings,
         newton=NewtonOptions(tolerance=1e-4, iteration_limit=200),
     )
     result = static_solve(simulator, parameters, garment.positions)

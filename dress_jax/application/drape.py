@@ -17,7 +17,7 @@ from dress_jax.core.precision import require_float64
 from dress_jax.core.pytree import replace
 from dress_jax.core.results import Result
 from dress_jax.energy.cloth import Gravity, Parameters
-from dress_jax.energy.fabric import Fabric, make_parameters, named_fabric
+from dress_jax.energy.fabric import Fabric, named_fabric
 from dress_jax.io.meshes import GarmentMesh
 from dress_jax.io.results import DrapedState, write_result
 from dress_jax.pattern import (
@@ -28,7 +28,7 @@ from dress_jax.pattern import (
     rest_positions,
 )
 from dress_jax.render.shading import label_colors, preview
-from dress_jax.sim import Simulator, make_simulation, make_simulator, static_solve
+from dress_jax.sim import Simulator, make_simulation, static_solve
 from dress_jax.sim.dressing import DressedGarment, DressingOptions, dress
 from dress_jax.sim.dressing.motion import follow_body
 from dress_jax.sim.equilibrium import Report
@@ -143,7 +143,7 @@ def drape_pattern(
         body_vertices=wearer.vertices,
         body_faces=wearer.faces,
         pin_targets=dressed.pin_targets,
-        settings=dressed.settings,
+        settings=options.contact,
         newton=options.newton,
         linear_solver=options.dressing.linear_solver,
     )
@@ -176,21 +176,17 @@ def _into_pose(
         return dressed
     from scipy.spatial import cKDTree
 
-    simulator = make_simulator(
+    simulator, parameters = make_simulation(
         dressed.cloth,
         dressed.positions,
+        rest,
+        fabric=fabric,
         body_vertices=wearer.start,
         body_faces=wearer.faces,
-        settings=dressed.settings,
-        linear_solver=options.dressing.linear_solver,
-    )
-    parameters = make_parameters(
-        dressed.cloth,
-        fabric,
-        jnp.asarray(rest),
-        body_vertices=jnp.asarray(wearer.start),
-        pin_targets=jnp.asarray(dressed.pin_targets),
+        pin_targets=dressed.pin_targets,
         gravity=Gravity.NONE,
+        settings=options.contact,
+        linear_solver=options.dressing.linear_solver,
     )
     positions, body, pins = dressed.positions, wearer.start, dressed.pin_targets
     beneath = np.asarray(cKDTree(body).query(pins)[1], np.int64) if len(pins) else None

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float, Int
 from dress_jax.contact.barrier import ContactSettings, contact_settings
 from dress_jax.contact.broad_phase import BroadPhase, make_broad_phase, make_collision_mesh
 from dress_jax.core.errors import InputError
+from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Cloth, Gravity, Parameters
 from dress_jax.energy.fabric import Fabric, make_parameters
 from dress_jax.energy.rest import vertex_areas
@@ -23,6 +24,8 @@ from dress_jax.sim.sparsity import elastic_slots
 from dress_jax.solver.block_matrix import BlockPattern
 from dress_jax.solver.linear import LinearSolver, make_solver
 from dress_jax.solver.newton import NewtonOptions, NewtonProgress
+
+_THICKNESS_SHARE = 0.25  # of the smallest height of a rest triangle
 
 
 @dataclasses.dataclass(eq=False)
@@ -148,6 +151,8 @@ def make_simulation(
 ) -> tuple[Simulator, Parameters]:
     """A simulator without friction, and parameters of one fabric, for the same cloth and body.
 
+    The contact model's thickness is reduced where the rest shape has triangles too small for it.
+
     Args:
         cloth: topology of the garment.
         positions: typical positions [m], (n, 3).
@@ -166,7 +171,7 @@ def make_simulation(
         positions,
         body_vertices=body_vertices,
         body_faces=body_faces,
-        settings=settings,
+        settings=_fine_enough(settings, rest_positions, np.asarray(cloth.rest_faces).T),
         newton=newton,
         linear_solver=linear_solver,
     )
@@ -179,3 +184,18 @@ def make_simulation(
         gravity=gravity,
     )
     return simulator, parameters
+
+
+def _fine_enough(
+    settings: ContactSettings | None,
+    rest_positions: Float[np.ndarray, "p 2"],
+    rest_faces: Int[np.ndarray, "f 3"],
+) -> ContactSettings:
+    """The settings, with a thickness below what the smallest rest triangle can keep."""
+    settings = contact_settings() if settings is None else settings
+    corners = np.asarray(rest_positions)[rest_faces]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    heights = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / longest
+    thickness = min(float(settings.thickness), _THICKNESS_SHARE * float(heights.min()))
+    return replace(settings, thickness=jnp.asarray(thickness, jnp.float64))

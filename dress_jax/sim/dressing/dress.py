@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from dress_jax.contact.barrier import ContactSettings, contact_settings
+from dress_jax.contact.barrier import ContactSettings
 from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Cloth, Gravity, make_cloth
-from dress_jax.energy.fabric import Fabric, make_parameters
+from dress_jax.energy.fabric import Fabric
 from dress_jax.energy.membrane import MembraneModel
 from dress_jax.pattern import Discretization, placed_positions
 from dress_jax.sim.dressing.components import Component, split_components
@@ -26,10 +26,9 @@ from dress_jax.sim.dressing.growth import (
 from dress_jax.sim.dressing.joining import join
 from dress_jax.sim.dressing.motion import MotionOptions, follow_body, settle
 from dress_jax.sim.dressing.waist import waist_loops
-from dress_jax.sim.simulator import make_simulator
+from dress_jax.sim.simulator import make_simulation
 
 _CLEARANCE = 1e-5  # of a joined surface [m]
-_THICKNESS_SHARE = 0.25  # of the smallest height of a rest triangle
 _FALL_STEPS, _FALL_TIME = 6, 0.15  # with which skirts fall before the arms grow out
 
 
@@ -75,14 +74,12 @@ class DressedGarment:
         cloth: topology with its pins.
         positions: intersection-free vertices [m], (n, 3).
         pin_targets: where the pins are held [m], (k, 3).
-        settings: lengths of the contact model, the thickness reduced where triangles are small.
         fittings: how its components were put on, bottom to top.
     """
 
     cloth: Cloth
     positions: Float[np.ndarray, "n 3"]
     pin_targets: Float[np.ndarray, "k 3"]
-    settings: ContactSettings
     fittings: tuple[Fitting, ...]
 
 
@@ -118,9 +115,6 @@ def dress(
     """
     options = DressingOptions() if options is None else options
     rest_faces = np.asarray(discretization.rest_faces)
-    settings = _fine_enough(
-        contact_settings() if settings is None else settings, rest_positions, rest_faces
-    )
 
     def tell(stage: str, done: float) -> None:
         if progress is not None:
@@ -177,7 +171,7 @@ def dress(
         pins=pins,
         membrane=options.membrane,
     )
-    return DressedGarment(cloth, positions, positions[pins], settings, tuple(fittings))
+    return DressedGarment(cloth, positions, positions[pins], tuple(fittings))
 
 
 def _grow(
@@ -186,7 +180,7 @@ def _grow(
     collider: Collider,
     growth: Growth,
     fabric: Fabric,
-    settings: ContactSettings,
+    settings: ContactSettings | None,
     options: DressingOptions,
     progress: Callable[[float], None],
 ) -> np.ndarray:
@@ -201,23 +195,19 @@ def _grow(
             pins=pins,
             membrane=options.membrane,
         )
-        simulator = make_simulator(
+        simulator, parameters = make_simulation(
             cloth,
             x,
+            surface.rest_positions,
+            fabric=fabric,
             body_vertices=collider.vertices,
             body_faces=collider.faces,
+            pin_targets=x[pins],
+            gravity=gravity,
             settings=settings,
             linear_solver=options.linear_solver,
         )
-        parameters = make_parameters(
-            cloth,
-            fabric,
-            jnp.asarray(surface.rest_positions),
-            body_vertices=jnp.asarray(body),
-            pin_targets=jnp.asarray(x[pins]),
-            gravity=gravity,
-        )
-        return simulator, parameters
+        return simulator, replace(parameters, body_vertices=jnp.asarray(body))
 
     share = len(growth.frames) / (len(growth.frames) + len(growth.arm_frames))
     scene = prepared(positions, growth.frames[0], np.zeros(0, np.int32), Gravity.NONE)
@@ -241,20 +231,6 @@ def _grow(
             progress=lambda done: progress(share + (1.0 - share) * done),
         )
     return positions
-
-
-def _fine_enough(
-    settings: ContactSettings,
-    rest_positions: Float[np.ndarray, "p 2"],
-    rest_faces: Int[np.ndarray, "f 3"],
-) -> ContactSettings:
-    """The same settings, with a thickness below what the smallest rest triangle can keep."""
-    corners = rest_positions[rest_faces]
-    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    heights = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / sides.max(axis=1)
-    thickness = min(float(settings.thickness), _THICKNESS_SHARE * float(heights.min()))
-    return replace(settings, thickness=jnp.asarray(thickness, jnp.float64))
 
 
 def _refuse(
