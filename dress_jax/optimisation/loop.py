@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
-from dress_jax.optimisation.optimizer import init_optimizer, propose, rates
+from dress_jax.optimisation.optimizer import corner_links, init_optimizer, propose, rates
 from dress_jax.optimisation.problem import FitProblem, corner_panels
 from dress_jax.optimisation.report import FitInfo
 from dress_jax.optimisation.state import FitState, Unknowns
@@ -88,6 +88,10 @@ def step(
         options,
         rates(options, iteration, scale),
         corner_panels(problem.pattern),
+        corner_links(
+            np.asarray(pattern_parameters(problem.pattern).vertices),
+            np.asarray(problem.discretization.edges.vertices),
+        ),
     )
     trial = try_unknowns(problem, unknowns, state.positions, iteration=iteration, clock=clock)
     info = dataclasses.replace(trial.info, rate_scale=scale)

@@ -3,7 +3,8 @@
 Corners move in two ways at once: each on its own, and together with their panel, whose width and
 length are stretched about its middle. Images tell much about the sizes of a panel and little about
 single corners, most of which lie in folds, on seams or behind an arm. Corners alone would have to
-cover the whole way one by one, and those that hardly show would wander meanwhile.
+cover the whole way one by one, and those that hardly show would wander meanwhile. The two ends of a
+short edge move together (`corner_links`): otherwise a few steps would fold the edge over.
 """
 
 import math
@@ -21,6 +22,8 @@ from dress_jax.optimisation.state import GROUPS, Unknowns, from_groups, groups
 # Gradients of far apart groups differ by orders of magnitude, and rates are absolute step lengths:
 # only an exact zero may fall below this.
 _EPSILON = 1e-12
+
+_LINK_LENGTH = 0.03  # edges shorter than this keep their ends together [m]
 
 PANELS = "panels"
 """Name of the panel stretches among the rates and states; every corner holds its panel's."""
@@ -60,6 +63,7 @@ def propose(
     options: FitOptions,
     step_rates: dict[str, float],
     corner_panel: Int[np.ndarray, " V"],
+    links: Float[np.ndarray, "V V"],
 ) -> tuple[Unknowns, dict[str, optax.OptState]]:
     """The next unknowns to try.
 
@@ -73,6 +77,7 @@ def propose(
         options: decays and clipping.
         step_rates: learning rate of every group.
         corner_panel: panel of every pattern corner, (V,).
+        links: from `corner_links`.
     """
     values, slopes = groups(unknowns), groups(gradient)
     arms = _arms(values["vertices"], corner_panel)
@@ -92,10 +97,35 @@ def propose(
                 jnp.asarray(options.clip),
                 jnp.asarray(options.sharing if name in _SHARED else 0.0),
             )
-    moved["vertices"] = moved["vertices"] + moved.pop(PANELS) * arms
+    alone = jnp.asarray(links) @ (moved["vertices"] - values["vertices"])
+    moved["vertices"] = values["vertices"] + alone + moved.pop(PANELS) * arms
     # Colours are projected onto what a picture can show.
     moved["colors"] = jnp.clip(moved["colors"], 0.0, 1.0)
     return from_groups(moved), states
+
+
+def corner_links(
+    vertices: Float[np.ndarray, "V 2"], edges: Int[np.ndarray, "E 2"]
+) -> Float[np.ndarray, "V V"]:
+    """Smooths displacements of corners along short edges (host).
+
+    Row by row the d that minimizes sum |d_i - u_i|^2 + sum (s / l_e)^2 |d_i - d_j|^2 for given u,
+    with the edge lengths l and s = 3 cm: ends of much longer edges are free, those of much shorter
+    ones tied.
+
+    Args:
+        vertices: corners of the pattern [m].
+        edges: the two corners of every edge.
+    """
+    i, j = np.asarray(edges).T
+    lengths = np.linalg.norm(vertices[i] - vertices[j], axis=1)
+    weights = (_LINK_LENGTH / lengths) ** 2
+    matrix = np.eye(len(vertices))
+    np.add.at(matrix, (i, i), weights)
+    np.add.at(matrix, (j, j), weights)
+    np.add.at(matrix, (i, j), -weights)
+    np.add.at(matrix, (j, i), -weights)
+    return np.linalg.inv(matrix)
 
 
 def _panel_sums(

@@ -19,7 +19,7 @@ from dress_jax.optimisation import (
     observe,
 )
 from dress_jax.optimisation.losses import IMAGE_TERMS, REGULARIZERS
-from dress_jax.optimisation.optimizer import init_optimizer, propose, rates
+from dress_jax.optimisation.optimizer import corner_links, init_optimizer, propose, rates
 from dress_jax.optimisation.state import from_groups, groups
 from dress_jax.pattern import PatternParameters, scaled
 from dress_jax.pattern.templates import t_shirt
@@ -99,7 +99,7 @@ CORNER_PANEL = np.array([0, 0, 1, 1])
 
 def _propose(start, slope, states, options, **changes):
     step_rates = {**rates(options, 0, 1.0), **changes}
-    return propose(start, slope, states, options, step_rates, CORNER_PANEL)
+    return propose(start, slope, states, options, step_rates, CORNER_PANEL, np.eye(4))
 
 
 def test_first_step_has_the_length_of_the_rate():
@@ -123,6 +123,17 @@ def test_panels_stretch_about_their_middle():
     rate = options.rates.panels
     expected = corners + rate * jnp.asarray([[-0.2, 0.0], [0.2, 0.0], [0.0, 0.0], [0.0, 0.0]])
     np.testing.assert_allclose(moved.pattern.vertices, expected, atol=1e-9)
+
+
+def test_ends_of_short_edges_move_together_and_those_of_long_ones_alone():
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.004], [0.0, 1.0]])
+    links = corner_links(corners, np.array([[0, 1], [1, 2], [2, 3], [3, 0]]))
+    np.testing.assert_allclose(links @ np.ones(4), 1.0, rtol=EXACT)  # a panel moves as a whole
+    np.testing.assert_allclose(links, links.T, atol=EXACT)
+    pushed = links @ np.array([0.0, 1.0, 0.0, 0.0])
+    assert pushed[1] == pytest.approx(0.5, abs=0.01)
+    assert abs(pushed[1] - pushed[2]) < 0.02
+    assert abs(pushed[[0, 3]]).max() < 0.01
 
 
 @pytest.mark.parametrize("sharing", [0.0, 0.5, 1.0])
