@@ -1,7 +1,8 @@
 """Shrink a closed body surface onto its curve skeleton, so that cloth can start outside it.
 
 Panels are placed around a body with little room to spare. Draping therefore starts around a thin
-body, and the body grows back as a moving boundary (checklist S8.1, S8.7).
+body, and the body grows back as a moving boundary (checklist S8.1, S8.7): its vertices move in
+straight lines between the surface and their points of the skeleton.
 
 The skeleton comes from two ideas, one sparse solve each:
 
@@ -15,8 +16,8 @@ The skeleton comes from two ideas, one sparse solve each:
    flow would thin a wrist long before a waist and shorten every limb; this does neither.
 
 `kappa` is a multiple of the squared local radius, found by repeating the solve: thick and thin
-parts then collapse by the same factor. Levels interpolate linearly between surface and skeleton,
-so thinning is monotone.
+parts then collapse by the same factor. Linear interpolation between surface and skeleton thins
+monotonically.
 
 Rings seen from the crown run askew over shoulders and hips, and their centroids leave the body
 below the armpits and the crotch. So every limb gets a second field, from its own tip: there the
@@ -133,65 +134,6 @@ def _skeleton(
         targets = (1.0 - share) * targets + share * own
         limbs.append(make_limb(branch.kind, along, own, piece=CURVE_PIECE * height))
     return targets, tuple(limbs)
-
-
-def contract(
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "f 3"],
-    *,
-    amount: float,
-    up: tuple[float, float, float] = (0.0, 1.0, 0.0),
-) -> Float[np.ndarray, "n 3"]:
-    """Shrink a body toward its curve skeleton; the result may intersect itself.
-
-    Args:
-        vertices: body vertices [m], shape (n, 3).
-        faces: triangles, shape (f, 3).
-        amount: 0 leaves the body as it is, 1 is the thinnest (about a tenth of its thickness).
-        up: direction of the crown.
-
-    Returns:
-        Vertices of the thin body [m], shape (n, 3).
-
-    Raises:
-        ValueError: `amount` outside [0, 1], or a body without usable triangles.
-    """
-    if not 0.0 <= amount <= 1.0:
-        raise ValueError(f"amount must lie between 0 and 1, not {amount}")
-    targets = curve_skeleton(vertices, faces, up=up).targets
-    return (1.0 - amount) * np.asarray(vertices, dtype=np.float64) + amount * targets
-
-
-def contraction_path(
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "f 3"],
-    *,
-    levels: int,
-    up: tuple[float, float, float] = (0.0, 1.0, 0.0),
-) -> Float[np.ndarray, "levels n 3"]:
-    """Evenly spaced levels from the full body (level 0) to the thinnest (last).
-
-    Thickness falls linearly and monotonically with the level. All levels lie on straight vertex
-    paths, so linear interpolation between any two of them reproduces the ones in between.
-
-    Args:
-        vertices: body vertices [m], shape (n, 3).
-        faces: triangles, shape (f, 3).
-        levels: number of levels, at least 2.
-        up: direction of the crown.
-
-    Returns:
-        Vertices per level [m], shape (levels, n, 3); `[0]` equals `vertices`.
-
-    Raises:
-        ValueError: fewer than two levels, or a body without usable triangles.
-    """
-    if levels < 2:
-        raise ValueError(f"a path needs at least two levels, not {levels}")
-    vertices = np.asarray(vertices, dtype=np.float64)
-    targets = curve_skeleton(vertices, faces, up=up).targets
-    amounts = np.linspace(0.0, 1.0, levels)[:, None, None]
-    return (1.0 - amounts) * vertices + amounts * targets
 
 
 def _weld(vertices: np.ndarray, *, tolerance: float) -> tuple[np.ndarray, np.ndarray]:

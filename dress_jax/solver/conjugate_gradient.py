@@ -23,6 +23,7 @@ class ConjugateGradientResult(NamedTuple):
         relative_residual: |b - A x| / |b| in the preconditioner's norm.
         smallest_curvature: smallest p^T A p / p^T M p met, with M the preconditioner; at or below
             zero the matrix is not positive definite.
+        negative_direction: a p with p^T A p <= 0 where one was met, (n,), and p^T A x = 0.
     """
 
     solution: Float[np.ndarray, " n"]
@@ -30,6 +31,7 @@ class ConjugateGradientResult(NamedTuple):
     iterations: int
     relative_residual: float
     smallest_curvature: float
+    negative_direction: Float[np.ndarray, " n"] | None = None
 
 
 def conjugate_gradient(
@@ -65,7 +67,7 @@ def conjugate_gradient(
         curvature = float(p @ q)
         smallest = min(smallest, curvature / float(p @ preconditioned_p))
         if not curvature > 0.0:
-            return ConjugateGradientResult(x, False, iteration, (rz / start) ** 0.5, smallest)
+            return ConjugateGradientResult(x, False, iteration, (rz / start) ** 0.5, smallest, p)
         step = rz / curvature
         x = x + step * p
         r = r - step * q

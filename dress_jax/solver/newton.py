@@ -2,7 +2,9 @@
 
 The direction solves a projected (positive-definite) Hessian; once steps are small the exact
 Hessian takes over through conjugate gradients preconditioned by the projected one, which turns the
-linear convergence of the projection into a quadratic one.
+linear convergence of the projection into a quadratic one. Where they meet negative curvature, as
+in a cloth that is about to buckle, the step follows it downhill: the projected Hessian would creep
+toward the saddle and leave it only after dozens of iterations.
 """
 
 import dataclasses
@@ -99,9 +101,8 @@ class NewtonSolution:
 
 _ARMIJO = 1e-4
 _SHORTEST_FRACTION = 1e-10
-_EXACT_TOLERANCE = 1e-3  # of the inner conjugate gradients
+_EXACT_TOLERANCE = 3e-2  # of the inner conjugate gradients
 _EXACT_LIMIT = 40
-_LONGEST_PATIENCE = 32  # iterations between two attempts at the exact Hessian
 _ROUNDING = 64.0 * np.finfo(float).eps
 
 
@@ -134,28 +135,12 @@ def minimize(
         residual = float(np.max(np.linalg.norm(gradient, axis=1), initial=0.0))
         return NewtonSolution(x, result, iterations, size, energy, residual, factorization)
 
-    patience, next_exact = 1, 0
     for iteration in range(options.iteration_limit):
         if not (math.isfinite(energy) and np.all(np.isfinite(gradient))):
             return finish(Result.NON_FINITE, iteration)
-        exact = False
         try:
             factorization = objective.factorize(x)
-            direction = -factorization.solve(gradient.ravel()).reshape(x.shape)
-            if iteration >= next_exact and _longest(direction) < options.exact_below:
-                refined = conjugate_gradient(
-                    hessian_operator(objective, x),
-                    -gradient.ravel(),
-                    factorization,
-                    tolerance=_EXACT_TOLERANCE,
-                    iteration_limit=_EXACT_LIMIT,
-                )
-                # Where the exact Hessian is indefinite, as in a cloth that is about to buckle, it
-                # stays so for a while: ask again after twice as many iterations.
-                patience = 1 if refined.converged else min(2 * patience, _LONGEST_PATIENCE)
-                next_exact = iteration + patience
-                if refined.converged:
-                    direction, exact = refined.solution.reshape(x.shape), True
+            direction, exact, curvature = _direction(objective, x, gradient, factorization, options)
         except LinearSolveError:
             return finish(Result.LINEAR_SOLVE_FAILED, iteration)
         if not np.all(np.isfinite(direction)):
@@ -166,11 +151,12 @@ def minimize(
 
         if size > options.longest_step:
             direction = direction * (options.longest_step / size)
+            curvature *= (options.longest_step / size) ** 2
         bound = objective.step_bound(x, direction)
         slope = float(np.vdot(gradient, direction))
         rounding = _ROUNDING * abs(energy)
         fraction = bound
-        if abs(slope) <= rounding:
+        if abs(slope) + abs(curvature) <= rounding:
             # The energy can no longer tell a step from its own rounding, the gradient still can.
             trial_energy, trial_gradient = objective.value_and_gradient(x + bound * direction)
             if not np.linalg.norm(trial_gradient) < np.linalg.norm(gradient):
@@ -178,7 +164,8 @@ def minimize(
         else:
             while True:
                 trial = objective.value(x + fraction * direction)
-                if trial <= energy + _ARMIJO * fraction * slope + rounding:
+                promised = fraction * slope + 0.5 * fraction**2 * curvature
+                if trial <= energy + _ARMIJO * promised + rounding:
                     break
                 fraction *= 0.5
                 if fraction < _SHORTEST_FRACTION * bound:
@@ -189,6 +176,57 @@ def minimize(
         if progress is not None:
             progress(NewtonProgress(iteration + 1, energy, size, fraction, bound, exact, x))
     return finish(Result.ITERATION_LIMIT, options.iteration_limit)
+
+
+class _Direction(NamedTuple):
+    """Where to step.
+
+    Attributes:
+        displacement: the full step [m].
+        exact: whether it solves the exact Hessian.
+        curvature: the negative curvature that it follows [J], 0 where it does not.
+    """
+
+    displacement: Positions
+    exact: bool
+    curvature: float
+
+
+def _direction(
+    objective: Objective,
+    x: Positions,
+    gradient: Positions,
+    factorization: Factorization,
+    options: NewtonOptions,
+) -> _Direction:
+    """The projected Newton step, or where that is short one with the exact Hessian.
+
+    Raises:
+        LinearSolveError: a back-substitution failed.
+    """
+    projected = -factorization.solve(gradient.ravel()).reshape(x.shape)
+    if not _longest(projected) < options.exact_below:
+        return _Direction(projected, False, 0.0)
+    operator = hessian_operator(objective, x)
+    refined = conjugate_gradient(
+        operator,
+        -gradient.ravel(),
+        factorization,
+        tolerance=_EXACT_TOLERANCE,
+        iteration_limit=_EXACT_LIMIT,
+    )
+    if refined.converged:
+        return _Direction(refined.solution.reshape(x.shape), True, 0.0)
+    if refined.negative_direction is None:
+        return _Direction(projected, False, 0.0)
+    # Downhill along the negative curvature, besides the step so far; the two are conjugate.
+    escape = refined.negative_direction
+    length = min(options.exact_below, options.longest_step)
+    escape = escape * (length / _longest(escape.reshape(x.shape)))
+    if float(escape @ gradient.ravel()) > 0.0:
+        escape = -escape
+    curvature = min(float(escape @ operator(escape)), 0.0)
+    return _Direction((refined.solution + escape).reshape(x.shape), False, curvature)
 
 
 def hessian_operator(

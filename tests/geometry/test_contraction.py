@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dress_jax.geometry.contraction import contract, contraction_path, curve_skeleton
+from dress_jax.geometry.contraction import curve_skeleton
 
 # The thinnest level keeps about 1 / (1 + RING_STRENGTH) of a ring; discretization doubles it.
 THIN = 0.15
@@ -44,17 +44,6 @@ def test_an_elliptic_tube_collapses_onto_its_axis():
     assert np.abs(targets[middle, 1] - vertices[middle, 1]).max() < 0.04
 
 
-def test_the_path_starts_at_the_body_and_thins_monotonically():
-    vertices, faces = elliptic_capsule(rings=30, around=24)
-    path = contraction_path(vertices, faces, levels=6)
-    assert path.shape == (6, len(vertices), 3)
-    np.testing.assert_array_equal(path[0], vertices)
-    np.testing.assert_allclose(path[-1], contract(vertices, faces, amount=1.0), atol=1e-14)
-    distances = np.linalg.norm(path - path[-1], axis=-1)
-    assert (np.diff(distances, axis=0) <= 1e-15).all()
-    np.testing.assert_allclose(contract(vertices, faces, amount=0.4), path[2], atol=1e-14)
-
-
 def test_the_result_scales_and_moves_with_the_body():
     vertices, faces = elliptic_capsule(rings=30, around=24)
     targets = curve_skeleton(vertices, faces).targets
@@ -81,21 +70,12 @@ def test_split_vertices_move_together_and_other_components_follow():
     np.testing.assert_allclose(targets[len(split) :] - bead, [expected] * 4, atol=0.02)
 
 
-@pytest.mark.parametrize("amount", [-0.1, 1.5, float("nan")])
-def test_an_amount_outside_the_unit_interval_is_refused(amount):
-    vertices, faces = elliptic_capsule(rings=6, around=6)
-    with pytest.raises(ValueError, match="between 0 and 1"):
-        contract(vertices, faces, amount=amount)
-
-
 def test_unusable_bodies_are_refused():
     vertices, faces = elliptic_capsule(rings=6, around=6)
     with pytest.raises(ValueError, match="positive area"):
         curve_skeleton(vertices, faces[:0])
     with pytest.raises(ValueError, match="finite"):
         curve_skeleton(np.where(vertices > 1.0, np.nan, vertices), faces)
-    with pytest.raises(ValueError, match="two levels"):
-        contraction_path(vertices, faces, levels=1)
 
 
 def test_figures_on_a_real_body(shared_data):

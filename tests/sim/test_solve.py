@@ -53,7 +53,7 @@ def test_every_iterate_is_free_of_intersections():
     assert result.report.converged
     assert len(counts) == int(result.report.iterations) > 5
     assert all(count.self == 0 and count.body == 0 for count in counts)
-    slack = 1e-12 * abs(energies[0])
+    slack = 1e-12 * abs(energies[-1])
     assert all(late <= early + slack for early, late in itertools.pairwise(energies))
     assert float(result.report.smallest_distance) > float(simulator.settings.thickness)
 

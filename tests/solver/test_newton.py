@@ -159,7 +159,7 @@ def test_energy_decreases_monotonically(exact_below):
 def test_exact_hessian_speeds_up_the_end():
     """The projected Hessian alone converges linearly, and slowly.
 
-    The exact one gains three digits an iteration: its inner solve stops at 1e-3.
+    The exact one gains more than a digit an iteration: its inner solve stops at 3e-2.
     """
     options = {"tolerance": 1e-10, "iteration_limit": 2000}
     slow, slow_steps = _run(Spheres(), SPREAD, NewtonOptions(exact_below=0.0, **options))
@@ -169,16 +169,24 @@ def test_exact_hessian_speeds_up_the_end():
     np.testing.assert_allclose(fast.energy, slow.energy, rtol=1e-12)
     assert not any(step.exact for step in slow_steps)
     assert slow.step_size > 0.1 * slow_steps[-1].step_size
-    assert fast.step_size < 5e-3 * steps[-1].step_size
+    assert fast.step_size < 0.1 * steps[-1].step_size
 
 
-def test_negative_curvature_falls_back_to_the_projection():
-    """Inside the sphere the exact Hessian is indefinite: its direction is not taken."""
-    start = 0.01 * SPREAD
-    _, steps = _run(
-        Spheres(), start, NewtonOptions(tolerance=1e-10, exact_below=np.inf, longest_step=0.05)
-    )
+def test_negative_curvature_is_followed_downhill():
+    """Near the middle of the sphere, a maximum, the projected Hessian creeps."""
+    start = 1e-3 * SPREAD
+    options = {"tolerance": 1e-10, "longest_step": 0.5, "iteration_limit": 2000}
+    slow, _ = _run(Spheres(), start, NewtonOptions(exact_below=0.0, **options))
+    fast, steps = _run(Spheres(), start, NewtonOptions(exact_below=0.5, **options))
+    assert slow.result is fast.result is Result.CONVERGED
     assert not steps[0].exact and steps[-1].exact
+    energies = np.array([Spheres().value(start), *(step.energy for step in steps)])
+    assert np.all(np.diff(energies) <= 64 * np.finfo(float).eps * np.abs(energies[:-1]))
+    # It leaves the maximum in a few steps, and ends in a minimum.
+    assert energies[min(10, len(steps))] < 0.5 * energies[0]
+    assert fast.iterations < 0.5 * slow.iterations
+    blocks = Spheres()._blocks(fast.positions, project=False)
+    assert np.linalg.eigvalsh(blocks).min() > 0.0
 
 
 def test_iteration_limit():
