@@ -101,7 +101,8 @@ class NewtonSolution:
 
 _ARMIJO = 1e-4
 _SHORTEST_FRACTION = 1e-10
-_EXACT_TOLERANCE = 3e-2  # of the inner conjugate gradients
+# The inner conjugate gradients stop between these: loosely far away, tightly near the end.
+_LOOSEST, _TIGHTEST = 3e-2, 1e-5
 _EXACT_LIMIT = 40
 _ROUNDING = 64.0 * np.finfo(float).eps
 
@@ -208,11 +209,12 @@ def _direction(
     if not _longest(projected) < options.exact_below:
         return _Direction(projected, False, 0.0)
     operator = hessian_operator(objective, x)
+    nearness = _longest(projected) / options.exact_below
     refined = conjugate_gradient(
         operator,
         -gradient.ravel(),
         factorization,
-        tolerance=_EXACT_TOLERANCE,
+        tolerance=min(_LOOSEST, max(_TIGHTEST, nearness)),
         iteration_limit=_EXACT_LIMIT,
     )
     if refined.converged:
