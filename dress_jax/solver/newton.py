@@ -104,7 +104,9 @@ _SHORTEST_FRACTION = 1e-10
 # The inner conjugate gradients stop between these: loosely far away, tightly near the end.
 _LOOSEST, _TIGHTEST = 3e-2, 1e-5
 _EXACT_LIMIT = 40
-_ROUNDING = 64.0 * np.finfo(float).eps
+# Relative to the energy: its rounding in one term, in the sum of all terms, and the decrease below
+# which a step is judged by the gradient.
+_ROUNDING, _NOISE, _FAINT = 64.0 * np.finfo(float).eps, 1e-12, 1e-10
 
 
 def minimize(
@@ -156,24 +158,27 @@ def minimize(
         bound = objective.step_bound(x, direction)
         slope = float(np.vdot(gradient, direction))
         rounding = _ROUNDING * abs(energy)
-        fraction = bound
-        if abs(slope) + abs(curvature) <= rounding:
-            # The energy can no longer tell a step from its own rounding, the gradient still can.
-            trial_energy, trial_gradient = objective.value_and_gradient(x + bound * direction)
-            if not np.linalg.norm(trial_gradient) < np.linalg.norm(gradient):
-                return finish(Result.LINE_SEARCH_STALLED, iteration)
-        else:
+        fraction, trial = bound, None
+        if abs(slope) + abs(curvature) <= _FAINT * abs(energy):
+            # The energy can hardly tell a step from its own rounding, the gradient still can.
+            trial = objective.value_and_gradient(x + bound * direction)
+            ratio = np.linalg.norm(trial[1]) / np.linalg.norm(gradient)
+            if not (ratio < 0.5 and trial[0] <= energy + _NOISE * abs(energy)):
+                trial = trial if ratio < 1.0 and abs(slope) <= rounding else None
+                if trial is None and abs(slope) + abs(curvature) <= rounding:
+                    return finish(Result.LINE_SEARCH_STALLED, iteration)
+        if trial is None:
             while True:
-                trial = objective.value(x + fraction * direction)
+                value = objective.value(x + fraction * direction)
                 promised = fraction * slope + 0.5 * fraction**2 * curvature
-                if trial <= energy + _ARMIJO * promised + rounding:
+                if value <= energy + _ARMIJO * promised + rounding:
                     break
                 fraction *= 0.5
                 if fraction < _SHORTEST_FRACTION * bound:
                     return finish(Result.LINE_SEARCH_STALLED, iteration)
-            trial_energy, trial_gradient = objective.value_and_gradient(x + fraction * direction)
+            trial = objective.value_and_gradient(x + fraction * direction)
         x = x + fraction * direction
-        energy, gradient = trial_energy, trial_gradient
+        energy, gradient = trial
         if progress is not None:
             progress(NewtonProgress(iteration + 1, energy, size, fraction, bound, exact, x))
     return finish(Result.ITERATION_LIMIT, options.iteration_limit)
