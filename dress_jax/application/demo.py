@@ -46,7 +46,7 @@ class DemoOptions:
     edge_length: float = 0.05
     views: int = 8
     size: int = 256
-    iterations: int = 40
+    iterations: int = 80
 
 
 @dataclasses.dataclass(frozen=True)

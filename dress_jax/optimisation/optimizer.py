@@ -97,7 +97,8 @@ def propose(
                 jnp.asarray(options.clip),
                 jnp.asarray(options.sharing if name in _SHARED else 0.0),
             )
-    alone = jnp.asarray(links) @ (moved["vertices"] - values["vertices"])
+    free = moved["vertices"] - values["vertices"]
+    alone = jnp.sum(jnp.asarray(links)[:, :, None] * free[None], axis=1)
     moved["vertices"] = values["vertices"] + alone + moved.pop(PANELS) * arms
     # Colours are projected onto what a picture can show.
     moved["colors"] = jnp.clip(moved["colors"], 0.0, 1.0)
