@@ -23,7 +23,7 @@ from dress_jax.optimisation.state import GROUPS, Unknowns, from_groups, groups
 # only an exact zero may fall below this.
 _EPSILON = 1e-12
 
-_LINK_LENGTH = 0.03  # edges shorter than this keep their ends together [m]
+_LINK_LENGTH = 0.015  # edges shorter than this keep their ends together [m]
 
 PANELS = "panels"
 """Name of the panel stretches among the rates and states; every corner holds its panel's."""
@@ -110,9 +110,9 @@ def corner_links(
 ) -> Float[np.ndarray, "V V"]:
     """Smooths displacements of corners along short edges (host).
 
-    Row by row the d that minimizes sum |d_i - u_i|^2 + sum (s / l_e)^2 |d_i - d_j|^2 for given u,
-    with the edge lengths l and s = 3 cm: ends of much longer edges are free, those of much shorter
-    ones tied.
+    Row by row the d that minimizes sum |d_i - u_i|^2 + sum (s / l_e)^4 |d_i - d_j|^2 for given u,
+    with the edge lengths l and s = 15 mm: ends of longer edges are free, those of shorter ones
+    tied.
 
     Args:
         vertices: corners of the pattern [m].
@@ -120,7 +120,7 @@ def corner_links(
     """
     i, j = np.asarray(edges).T
     lengths = np.linalg.norm(vertices[i] - vertices[j], axis=1)
-    weights = (_LINK_LENGTH / lengths) ** 2
+    weights = (_LINK_LENGTH / lengths) ** 4
     matrix = np.eye(len(vertices))
     np.add.at(matrix, (i, i), weights)
     np.add.at(matrix, (j, j), weights)
