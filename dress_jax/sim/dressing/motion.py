@@ -191,6 +191,11 @@ class _Walk:
         moved = replace(self._parameters, body_vertices=jnp.asarray(self.body))
         state = State(jnp.asarray(self.positions), jnp.zeros(self.positions.shape))
         state, report = step(self._loose, state, moved, time_step=self._options.relaxation_step)
+        if not report.intersection_free:
+            raise RuntimeError(
+                "the cloth passed through itself or the body while it relaxed "
+                f"({int(report.self_intersections)} and {int(report.body_intersections)} crossings)"
+            )
         self.positions = np.asarray(state.positions)
         self._keep(float(report.smallest_distance))
 
@@ -226,10 +231,9 @@ class _Walk:
         self.relax()
         wanted = float(self._simulator.settings.thickness)
         for _ in range(_PATIENCE):
-            if self._smallest > wanted:
-                break
-            self.relax()
-        else:
+            if self._smallest <= wanted:
+                self.relax()
+        if self._smallest <= wanted:
             raise InputError(
                 f"parts of the cloth stay {1e3 * self._smallest:.4f} mm from each other or from "
                 f"the body, which is less than the thickness of {1e3 * wanted:.4f} mm",
