@@ -40,13 +40,13 @@ class DemoOptions:
         edge_length: of the cloth's triangles [m].
         views: target views around the body.
         size: their height and width [px].
-        iterations: of the fit.
+        iterations: of the fit, at most.
     """
 
-    edge_length: float = 0.05
+    edge_length: float = 0.03
     views: int = 8
     size: int = 256
-    iterations: int = 80
+    iterations: int = 40
 
 
 @dataclasses.dataclass(frozen=True)

@@ -34,11 +34,11 @@ from dress_jax.energy.cloth import make_cloth
 from dress_jax.energy.fabric import named_fabric
 from dress_jax.io.results import DrapedState
 from dress_jax.optimisation import (
+    AnyState,
     Evaluation,
     FitInfo,
     FitOptions,
     FitProblem,
-    FitState,
     evaluate,
     fit,
     fitted_pattern,
@@ -46,7 +46,7 @@ from dress_jax.optimisation import (
     length_errors,
     make_problem,
 )
-from dress_jax.optimisation.trial import fitted_parameters
+from dress_jax.optimisation.draping import fitted_parameters
 from dress_jax.pattern import Discretization, Pattern, discretize, rest_positions
 from dress_jax.sim import make_simulation, static_solve
 from dress_jax.sim.equilibrium import Report
@@ -72,8 +72,8 @@ class FitResult:
     """
 
     problem: FitProblem
-    begin: FitState
-    end: FitState
+    begin: AnyState
+    end: AnyState
     start: DrapedState
     state: DrapedState
     pattern: Pattern
@@ -245,7 +245,7 @@ def _mean_color(views: TargetViews) -> Float[np.ndarray, "3"]:
 
 def _run(
     problem: FitProblem, start: DrapedState, folder: Path, *, resume: bool, progress: Progress
-) -> tuple[FitState, FitState, History]:
+) -> tuple[AnyState, AnyState, History]:
     """Iterate to the end, with checkpoints."""
     total = problem.options.iterations
     kept = load_progress(folder, problem) if resume else None
@@ -259,7 +259,7 @@ def _run(
     progress("fit", len(history), total)
     reached = state
 
-    def after(state: FitState, info: FitInfo) -> None:
+    def after(state: AnyState, info: FitInfo) -> None:
         nonlocal reached
         record = as_record(info, state)
         # In this order: after an interrupt in between, the surplus record is cut off below.
@@ -279,7 +279,7 @@ def _run(
     return begin, state, history
 
 
-def _settle(problem: FitProblem, state: FitState) -> tuple[FitState, Report]:
+def _settle(problem: FitProblem, state: AnyState) -> tuple[AnyState, Report]:
     """Drape the fitted pattern once more, to the full tolerance, for the record."""
     rest = rest_positions(state.unknowns.pattern, problem.discretization)
     parameters = fitted_parameters(problem, rest, state.unknowns.log_stiffness)

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from dress_jax.application.targets import TargetViews
@@ -23,9 +22,8 @@ from dress_jax.application.wearer import Wearer
 from dress_jax.core.errors import InputError
 from dress_jax.io.checkpoints import load_checkpoint, save_checkpoint
 from dress_jax.io.results import DrapedState, read_state, write_state
-from dress_jax.optimisation import FitInfo, FitProblem, FitState, Unknowns
-from dress_jax.optimisation.optimizer import init_optimizer
-from dress_jax.pattern import Pattern, pattern_parameters
+from dress_jax.optimisation import AnyState, FitInfo, FitProblem, blank_state
+from dress_jax.pattern import Pattern
 
 START, CHECKPOINT = "start.h5", "checkpoint.h5"
 
@@ -90,14 +88,14 @@ def load_start(folder: Path, identity: dict[str, str]) -> DrapedState:
     return _with_settings(state, settings)
 
 
-def save_progress(folder: Path, begin: FitState, state: FitState, history: History) -> None:
+def save_progress(folder: Path, begin: AnyState, state: AnyState, history: History) -> None:
     """Write a checkpoint: the first state (to compare with), the current one, and the history."""
     save_checkpoint(
         folder / CHECKPOINT, {"begin": begin, "state": state}, metadata={"history": history}
     )
 
 
-def load_progress(folder: Path, problem: FitProblem) -> tuple[FitState, FitState, History] | None:
+def load_progress(folder: Path, problem: FitProblem) -> tuple[AnyState, AnyState, History] | None:
     """First state, current state and history, or None where no iteration was finished.
 
     Raises:
@@ -111,24 +109,7 @@ def load_progress(folder: Path, problem: FitProblem) -> tuple[FitState, FitState
     return tree["begin"], tree["state"], list(metadata["history"])
 
 
-def blank_state(problem: FitProblem) -> FitState:
-    """A state of the right structure; only its shapes mean something."""
-    unknowns = Unknowns(
-        pattern=pattern_parameters(problem.pattern),
-        log_stiffness=jnp.zeros(2),
-        colors=jnp.asarray(problem.colors),
-    )
-    return FitState(
-        unknowns=unknowns,
-        gradient=unknowns,
-        positions=jnp.zeros((problem.discretization.vertex_count, 3)),
-        optimizer=init_optimizer(unknowns, problem.options),
-        iteration=jnp.asarray(0),
-        rate_scale=jnp.asarray(1.0),
-    )
-
-
-def as_record(info: FitInfo, state: FitState) -> dict[str, Any]:
+def as_record(info: FitInfo, state: AnyState) -> dict[str, Any]:
     """One iteration as plain values; what was not computed is None."""
     factors = np.exp(np.asarray(state.unknowns.log_stiffness))
     return {
@@ -141,6 +122,9 @@ def as_record(info: FitInfo, state: FitState) -> dict[str, Any]:
         "remaining_step_m": _number(info.remaining_step),
         "intersections": info.intersections,
         "rate_scale": info.rate_scale,
+        "cost": _number(info.cost),
+        "outline_m": _number(info.outline),
+        "damping": _number(info.damping),
         "unfinished_contours": info.unfinished,
         "stiffness_factors": factors.tolist(),
         "seconds": {name: _number(value) for name, value in info.seconds.items()},

@@ -1,5 +1,6 @@
 """The commands `fit` and `demo`. Heavy imports wait until a command runs."""
 
+import enum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,6 +21,13 @@ from dress_jax.cli.outcome import ExitCode, command
 from dress_jax.cli.show import stages, table, wrote
 
 
+class Method(enum.Enum):
+    """How a fit finds its steps; values as in `optimisation.FitMethod`, which is slow to import."""
+
+    GAUSS_NEWTON = "gauss-newton"
+    ADAM = "adam"
+
+
 @command
 def fit(
     pattern: PatternFile,
@@ -32,9 +40,13 @@ def fit(
     edge_length: EdgeLength = 0.015,
     fabric: FabricName = "cotton",
     newton_limit: NewtonLimit = 300,
-    iterations: Annotated[int, typer.Option(min=0, help="Steps of the optimisation.")] = 60,
+    iterations: Annotated[int, typer.Option(min=0, help="Steps at most.")] = 60,
+    method: Annotated[
+        Method, typer.Option(help="gauss-newton compares outlines; adam all images, by gradient.")
+    ] = Method.GAUSS_NEWTON,
     views_per_iteration: Annotated[
-        int | None, typer.Option(min=1, help="Views that one step looks at; all unless given.")
+        int | None,
+        typer.Option(min=1, help="Views that one step of adam looks at; all unless given."),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on where --out stopped.")] = False,
     truth: Annotated[
@@ -50,6 +62,7 @@ def fit(
     from dress_jax.io.patterns import load_pattern
     from dress_jax.io.results import prepare_folder
     from dress_jax.io.timing import stopwatch
+    from dress_jax.optimisation import FitMethod
     from dress_jax.solver import NewtonOptions
 
     drape_options = DrapeOptions(
@@ -57,7 +70,9 @@ def fit(
         fabric=fabric,
         newton=NewtonOptions(iteration_limit=newton_limit),
     )
-    fit_options = scheduled(iterations, views_per_iteration=views_per_iteration)
+    fit_options = scheduled(
+        iterations, method=FitMethod(method.value), views_per_iteration=views_per_iteration
+    )
     start = load_pattern(pattern)
     true_pattern = None if truth is None else load_pattern(truth)
     views = read_targets(targets)

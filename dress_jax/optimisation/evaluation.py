@@ -11,7 +11,7 @@ from dress_jax.core.pytree import replace
 from dress_jax.loss.metrics import chamfer_distance, iou
 from dress_jax.optimisation.observation import observe_meshes
 from dress_jax.optimisation.problem import FitProblem, fitted_pattern
-from dress_jax.optimisation.state import FitState
+from dress_jax.optimisation.state import DrapedUnknowns
 from dress_jax.pattern import Pattern, edge_lengths, edge_table, pattern_parameters
 
 
@@ -33,7 +33,7 @@ class Evaluation:
 
 def evaluate(
     problem: FitProblem,
-    state: FitState,
+    state: DrapedUnknowns,
     *,
     true_mesh: tuple[Float[np.ndarray, "m 3"], Num[np.ndarray, "g 3"]] | None = None,
     true_pattern: Pattern | None = None,

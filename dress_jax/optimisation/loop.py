@@ -1,131 +1,90 @@
-"""The fit as `init` and `step` over an explicit state (S9).
+"""A fit as `init` and `step` over an explicit state, by either method.
 
 A step proposes new unknowns, drapes the garment with them and keeps them only if the drape is
-sound; otherwise the state stays as it was and the learning rates shrink. So the state always holds
-an intersection-free drape and the gradient there, and a step can be repeated bit by bit.
+sound. So the state always holds an intersection-free drape, and a step can be repeated bit by bit.
 """
 
-import dataclasses
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from dress_jax.core.errors import InputError
-from dress_jax.core.pytree import replace
-from dress_jax.optimisation.optimizer import corner_links, init_optimizer, propose, rates
-from dress_jax.optimisation.problem import FitProblem, corner_panels
+from dress_jax.optimisation import first_order
+from dress_jax.optimisation.draping import Clock
+from dress_jax.optimisation.gauss_newton import method as gauss_newton
+from dress_jax.optimisation.options import FitMethod
+from dress_jax.optimisation.problem import FitProblem
 from dress_jax.optimisation.report import FitInfo
-from dress_jax.optimisation.state import FitState, Unknowns
-from dress_jax.optimisation.trial import Clock, try_unknowns
-from dress_jax.pattern import pattern_parameters
-from dress_jax.sim import static_solve
+from dress_jax.optimisation.state import FitState
+
+AnyState = FitState | gauss_newton.GaussNewtonState
+
+
+class _Method(NamedTuple):
+    init: Callable[..., Any]
+    step: Callable[..., tuple[Any, FitInfo]]
+    finished: Callable[[FitProblem, Any], bool]
+    blank: Callable[[FitProblem], Any]
+
+
+_METHODS = {
+    FitMethod.ADAM: _Method(
+        first_order.init, first_order.step, first_order.finished, first_order.blank
+    ),
+    FitMethod.GAUSS_NEWTON: _Method(
+        gauss_newton.init, gauss_newton.step, gauss_newton.finished, gauss_newton.blank
+    ),
+}
 
 
 def init(
     problem: FitProblem, positions: Float[np.ndarray, "n 3"], *, clock: Clock | None = None
-) -> FitState:
-    """Drape the initial pattern and find the gradient there.
+) -> Any:
+    """Drape the initial pattern and find the derivatives there.
 
     Args:
         problem: made by `make_problem`.
         positions: an intersection-free state to start from (`DressedGarment.positions`) [m].
         clock: for the timings of later reports; not needed.
 
+    Returns:
+        The first state: a `FitState` for Adam, a `GaussNewtonState` for Gauss-Newton.
+
     Raises:
         InputError: the initial pattern does not drape.
     """
-    start = pattern_parameters(problem.pattern)
-    unknowns = Unknowns(
-        pattern=start,
-        log_stiffness=jnp.zeros(2),
-        colors=jnp.asarray(problem.colors),
-    )
-    # The step of 1 s damps a long way to the equilibrium; the second drape starts close to it.
-    simulator = dataclasses.replace(problem.simulator)
-    settled = static_solve(simulator, problem.parameters, jnp.asarray(positions, float))
-    trial = try_unknowns(problem, unknowns, settled.positions, iteration=0, clock=clock)
-    if trial.gradient is None or trial.positions is None:
-        result = trial.info.solve_result
-        raise InputError(
-            f"the initial pattern does not drape: {trial.info.outcome.value}"
-            + ("" if result is None else f" (solver: {result.message})"),
-            where=problem.pattern.source,
-            mend="drape it on its own first, with more Newton iterations or a finer mesh",
-        )
-    return FitState(
-        unknowns=unknowns,
-        gradient=trial.gradient,
-        positions=trial.positions,
-        optimizer=init_optimizer(unknowns, problem.options),
-        iteration=jnp.asarray(0),
-        rate_scale=jnp.asarray(1.0),
-    )
+    return _METHODS[problem.options.method].init(problem, positions, clock=clock)
 
 
-def step(
-    problem: FitProblem, state: FitState, *, clock: Clock | None = None
-) -> tuple[FitState, FitInfo]:
-    """Propose, drape, and keep what is sound (S9.2-S9.12).
-
-    Accepted are drapes without intersections whose solve converged, or stopped with a last Newton
-    step of at most `options.largest_remaining_step`; with finite loss and gradient; of a pattern
-    whose rest triangles keep their orientation and `options.smallest_area` of their area (S12.4).
-    The loss itself may rise, as it does along the way of any method with momentum.
+def step(problem: FitProblem, state: Any, *, clock: Clock | None = None) -> tuple[Any, FitInfo]:
+    """The next state, and what happened; see `first_order.step` and `gauss_newton.method.step`.
 
     Args:
         problem: made by `make_problem`.
         state: from `init` or an earlier step.
         clock: seconds since any fixed time; without one, `FitInfo.seconds` stays empty.
     """
-    options = problem.options
-    iteration, scale = int(state.iteration), float(state.rate_scale)
-    unknowns, optimizer = propose(
-        state.unknowns,
-        state.gradient,
-        state.optimizer,
-        options,
-        rates(options, iteration, scale),
-        corner_panels(problem.pattern),
-        corner_links(
-            np.asarray(pattern_parameters(problem.pattern).vertices),
-            np.asarray(problem.discretization.edges.vertices),
-        ),
-    )
-    trial = try_unknowns(problem, unknowns, state.positions, iteration=iteration, clock=clock)
-    info = dataclasses.replace(trial.info, rate_scale=scale)
-    following = jnp.asarray(iteration + 1)
-    if trial.gradient is None or trial.positions is None:
-        shrunk = jnp.asarray(scale * options.shrink)
-        return replace(state, iteration=following, rate_scale=shrunk), info
-    return (
-        FitState(
-            unknowns=unknowns,
-            gradient=trial.gradient,
-            positions=trial.positions,
-            optimizer=optimizer,
-            iteration=following,
-            rate_scale=jnp.asarray(min(1.0, scale * options.grow)),
-        ),
-        info,
-    )
+    return _METHODS[problem.options.method].step(problem, state, clock=clock)
 
 
-def finished(problem: FitProblem, state: FitState) -> bool:
-    """Whether all iterations are done, or rejections have brought the fit to a halt."""
-    options = problem.options
-    halted = float(state.rate_scale) < options.smallest_scale
-    return int(state.iteration) >= options.iterations or halted
+def finished(problem: FitProblem, state: Any) -> bool:
+    """Whether all iterations are done, or the fit has come to a halt."""
+    return _METHODS[problem.options.method].finished(problem, state)
+
+
+def blank_state(problem: FitProblem) -> Any:
+    """A state of the right structure; only its shapes mean something."""
+    return _METHODS[problem.options.method].blank(problem)
 
 
 def fit(
     problem: FitProblem,
-    state: FitState,
+    state: Any,
     *,
-    on_iteration: Callable[[FitState, FitInfo], bool | None] | None = None,
+    on_iteration: Callable[[Any, FitInfo], bool | None] | None = None,
     clock: Clock | None = None,
-) -> FitState:
+) -> Any:
     """Step until finished.
 
     Args:

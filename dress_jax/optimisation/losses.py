@@ -47,14 +47,14 @@ class Assessment(NamedTuple):
         terms: every term before weighting, by name.
         iou: of the masks in the views looked at, ().
         unfinished: contours that could not be followed (`render.images.check_image`), ().
-        gradient: of the loss.
+        gradient: of the loss; None where only the value was asked for.
     """
 
     loss: Float[Array, ""]
     terms: dict[str, Float[Array, ""]]
     iou: Float[Array, ""]
     unfinished: Float[Array, ""]
-    gradient: Garment
+    gradient: Garment | None
 
 
 def _comfort(garment: Garment, tables: Tables) -> Float[Array, ""]:
@@ -90,13 +90,10 @@ REGULARIZERS: Mapping[str, Callable[[Garment, Tables], Float[Array, ""]]] = Mapp
 """Terms without images. A new one is a function here and a weight in `options.PAPER_WEIGHTS`."""
 
 
-def _view_loss(operands: Any, view: Observation) -> Float[Array, ""]:
-    """Weighted sum of one view's terms.
-
-    `weights` also has entries for what is only counted; they are zero, and as for every term the
-    derivative in its weight is the term itself. So one sweep over the views yields all of them.
-    """
-    positions, colors, weights, tables = operands
+def _view_terms(
+    positions: Array, colors: Array, tables: Tables, view: Observation
+) -> dict[str, Float[Array, ""]]:
+    """One view's image terms, and what is only counted."""
     garment = replace(tables.garment, positions=positions, colors=colors)
     image = render(view.cameras, garment, jax.lax.stop_gradient(tables.occluder))
     terms = {"unfinished": image.unfinished.astype(jnp.float32)}
@@ -107,6 +104,17 @@ def _view_loss(operands: Any, view: Observation) -> Float[Array, ""]:
     terms["mask"] = mask_loss(image.mask[..., None], view.mask[..., None], view.valid)
     terms["color"] = color_loss(image.color, view.color, view.garment)
     terms["normal"] = normal_loss(image.normal, view.normal, view.garment)
+    return terms
+
+
+def _view_loss(operands: Any, view: Observation) -> Float[Array, ""]:
+    """Weighted sum of one view's terms.
+
+    `weights` also has entries for what is only counted; they are zero, and as for every term the
+    derivative in its weight is the term itself. So one sweep over the views yields all of them.
+    """
+    positions, colors, weights, tables = operands
+    terms = _view_terms(positions, colors, tables, view)
     total = jnp.zeros((), jnp.float32)
     for name, weight in weights.items():
         total = total + weight * terms[name]
@@ -151,9 +159,7 @@ def assess(
         return total, own
 
     (regular, regular_terms), gradient = jax.value_and_grad(regularize, has_aux=True)(garment)
-    joint = terms.pop("joint")
-    iou = jnp.where(joint > 0.0, terms.pop("common") / jnp.where(joint > 0.0, joint, 1.0), 1.0)
-    unfinished = terms.pop("unfinished") * views.mask.shape[0]
+    iou, unfinished = _counts(terms, views)
     return Assessment(
         loss=image + regular,
         terms=terms | regular_terms,
@@ -165,3 +171,29 @@ def assess(
             colors=gradient.colors + by_color,
         ),
     )
+
+
+@jax.jit
+def assess_value(
+    garment: Garment, weights: Mapping[str, Array], tables: Tables, views: Observation
+) -> Assessment:
+    """`assess` without its gradient."""
+
+    def every_term(view: Observation) -> dict[str, Array]:
+        return _view_terms(garment.positions, garment.colors, tables, view)
+
+    terms = {name: jnp.mean(values) for name, values in jax.lax.map(every_term, views).items()}
+    iou, unfinished = _counts(terms, views)
+    terms |= {name: f(garment, tables) for name, f in REGULARIZERS.items()}
+    terms = {name: terms[name] for name in weights}
+    loss = jnp.zeros(())
+    for name, value in terms.items():
+        loss = loss + weights[name] * value
+    return Assessment(loss=loss, terms=terms, iou=iou, unfinished=unfinished, gradient=None)
+
+
+def _counts(terms: dict[str, Array], views: Observation) -> tuple[Array, Array]:
+    """IoU and unfinished contours, taken out of the terms' means over the views."""
+    joint, common = terms.pop("joint"), terms.pop("common")
+    iou = jnp.where(joint > 0.0, common / jnp.where(joint > 0.0, joint, 1.0), 1.0)
+    return iou, terms.pop("unfinished") * views.mask.shape[0]

@@ -1,12 +1,14 @@
 """Settings of a fit; the loss weights default to the paper's (S16.2), the rest is ours (S9.13)."""
 
 import dataclasses
+import enum
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
 from dress_jax.core.errors import InputError
 from dress_jax.loss.image import COLOR_WEIGHT, MASK_WEIGHT, NORMAL_WEIGHT
+from dress_jax.optimisation.gauss_newton.options import GaussNewtonOptions
 
 PAPER_WEIGHTS: Mapping[str, float] = MappingProxyType(
     {
@@ -19,6 +21,17 @@ PAPER_WEIGHTS: Mapping[str, float] = MappingProxyType(
     }
 )
 """Weights of the terms that a fit knows: image losses (S10) and regularizers (S11, S16.2)."""
+
+
+class FitMethod(enum.Enum):
+    """How steps are found.
+
+    Gauss-Newton compares outlines only and needs a tenth of the drapes; Adam follows the gradient
+    of all loss terms, colours and normals among them.
+    """
+
+    GAUSS_NEWTON = "gauss-newton"
+    ADAM = "adam"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,6 +58,9 @@ class FitOptions:
     """How a pattern is fitted.
 
     Attributes:
+        method: how steps are found; learning rates, stages, views per iteration, moments and
+            shrinking belong to Adam.
+        gauss_newton: settings of that method.
         iterations: steps, accepted or not.
         stage_one: steps with frozen control points (S9.12); they are free afterwards.
         rates: learning rates.
@@ -66,6 +82,8 @@ class FitOptions:
         smallest_scale: the fit ends when rejections have shrunk the rates below this share.
     """
 
+    method: FitMethod = FitMethod.GAUSS_NEWTON
+    gauss_newton: GaussNewtonOptions = dataclasses.field(default_factory=GaussNewtonOptions)
     iterations: int = 60
     stage_one: int = 20
     rates: LearningRates = dataclasses.field(default_factory=LearningRates)
@@ -100,6 +118,8 @@ class FitOptions:
         _require(self.polish >= 0, "polish", self.polish, "at least 0")
         views = self.views_per_iteration
         _require(views is None or views >= 1, "views_per_iteration", views, "at least 1, or None")
+        subset = views is not None and self.method is FitMethod.GAUSS_NEWTON
+        _require(not subset, "views_per_iteration", views, "None, or the method Adam")
         for name in ("final_rate", "shrink", "smallest_scale"):
             _require(0.0 < getattr(self, name) <= 1.0, name, getattr(self, name), "in (0, 1]")
         for name in ("momentum", "memory", "smallest_area"):

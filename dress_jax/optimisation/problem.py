@@ -14,7 +14,7 @@ from dress_jax.loss.area_ratio import panel_areas
 from dress_jax.loss.seam_length import seam_ratios
 from dress_jax.optimisation.observation import Observation
 from dress_jax.optimisation.options import FitOptions
-from dress_jax.optimisation.state import FitState
+from dress_jax.optimisation.state import DrapedUnknowns
 from dress_jax.pattern import (
     Discretization,
     EdgeTable,
@@ -167,7 +167,7 @@ def corner_panels(pattern: Pattern) -> Int[np.ndarray, " V"]:
     return np.repeat(np.arange(len(pattern.panels)), [len(p.vertices) for p in pattern.panels])
 
 
-def fitted_pattern(problem: FitProblem, state: FitState) -> Pattern:
+def fitted_pattern(problem: FitProblem, state: DrapedUnknowns) -> Pattern:
     """The problem's pattern with the corners and controls of a state (host)."""
     return with_parameters(problem.pattern, state.unknowns.pattern)
 

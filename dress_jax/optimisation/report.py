@@ -17,6 +17,7 @@ class StepOutcome(enum.Enum):
     SOLVE_FAILED = "the drape did not come close enough to an equilibrium"
     INTERSECTS = "the drape has intersections"
     NON_FINITE = "a number is not finite"
+    WORSE = "the cost did not fall"
     ADJOINT_FAILED = "the drape is no stable equilibrium, so it has no gradient"
 
 
@@ -34,7 +35,10 @@ class FitInfo:
         solve_result: how the drape ended; None where there was none.
         remaining_step: length of its last Newton step [m].
         intersections: of the drape, by the exact test.
-        rate_scale: factor on the learning rates with which the proposal was made.
+        rate_scale: factor on the learning rates with which the proposal was made (Adam).
+        cost: what a Gauss-Newton step lowers; NaN where it was not computed.
+        outline: root mean square distance of the outlines [m], likewise.
+        damping: with which a Gauss-Newton proposal was made.
         unfinished: contours without a gradient; anything above zero calls for a coarser mesh or
             smaller images.
         seconds: by stage ("forward", "loss", "adjoint", "total") where a clock was given.
@@ -50,6 +54,9 @@ class FitInfo:
     remaining_step: float = np.nan
     intersections: int = 0
     rate_scale: float = 1.0
+    cost: float = np.nan
+    outline: float = np.nan
+    damping: float = np.nan
     unfinished: int = 0
     seconds: Mapping[str, float] = dataclasses.field(default_factory=dict)
 

@@ -1,5 +1,7 @@
 """What is optimised, and everything that a fit needs to go on where it stopped."""
 
+from typing import Protocol
+
 import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Float, Int
@@ -27,9 +29,23 @@ class Unknowns:
     colors: Float[Array, "n 3"]
 
 
+class DrapedUnknowns(Protocol):
+    """What the states of all methods have: unknowns, and their intersection-free drape [m]."""
+
+    @property
+    def unknowns(self) -> Unknowns:
+        """Last accepted values."""
+        ...
+
+    @property
+    def positions(self) -> Float[Array, "n 3"]:
+        """The drape there."""
+        ...
+
+
 @pytree
 class FitState:
-    """A fit between two iterations; the unknowns are always ones that drape without intersections.
+    """A fit by Adam between two iterations; its unknowns always drape without intersections.
 
     Attributes:
         unknowns: last accepted values.

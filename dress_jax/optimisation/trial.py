@@ -8,22 +8,17 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
-from dress_jax.core.pytree import replace
-from dress_jax.core.results import Result
-from dress_jax.energy.cloth import Parameters
+from dress_jax.optimisation.draping import Clock, drape_info, simulate, smallest_relative_area
 from dress_jax.optimisation.losses import Assessment, Garment, assess
 from dress_jax.optimisation.observation import Observation
 from dress_jax.optimisation.problem import FitProblem
 from dress_jax.optimisation.report import FitInfo, StepOutcome
 from dress_jax.optimisation.state import Unknowns, finite
 from dress_jax.pattern import rest_positions
-from dress_jax.pattern.parameters import PatternParameters
-from dress_jax.sim import Simulator, static_solve
-from dress_jax.sim.equilibrium import AdjointWarning, Report
-
-Clock = Callable[[], float]
+from dress_jax.sim import Simulator
+from dress_jax.sim.equilibrium import AdjointWarning
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,52 +51,6 @@ def select_views(observation: Observation, count: int | None, seed: int, turn: i
     order = np.random.default_rng(seed).permutation(total)
     chosen = order[(turn * count + np.arange(count)) % total]
     return jax.tree.map(lambda leaf: leaf[chosen], observation)
-
-
-def simulate(
-    problem: FitProblem,
-    simulator: Simulator,
-    pattern: PatternParameters,
-    log_stiffness: Float[Array, "2"],
-    start: Float[Array, "n 3"],
-) -> tuple[tuple[Array, Array], Report]:
-    """Rest shape and drape, differentiable in pattern and stiffness (S9.7).
-
-    One implicit step of 1 s from rest (S9.3, S9.8); the start carries no gradient (S9.4).
-
-    Returns:
-        (draped positions, rest positions) [m], and how the solve went.
-    """
-    rest = rest_positions(pattern, problem.discretization)
-    drape = static_solve(simulator, fitted_parameters(problem, rest, log_stiffness), start)
-    return (drape.positions, rest), drape.report
-
-
-def fitted_parameters(
-    problem: FitProblem, rest: Float[Array, "p 2"], log_stiffness: Float[Array, "2"]
-) -> Parameters:
-    """The problem's parameters with a rest shape and factors on the two stiffnesses."""
-    base = problem.parameters
-    factor = jnp.exp(log_stiffness)
-    return replace(
-        base,
-        rest_positions=rest,
-        stretching_stiffness=base.stretching_stiffness * factor[0],
-        bending_stiffness=base.bending_stiffness * factor[1],
-    )
-
-
-def smallest_relative_area(problem: FitProblem, rest: Float[np.ndarray, "p 2"]) -> float:
-    """Least signed area of a rest triangle over the one it was meshed with."""
-    corners = np.asarray(problem.discretization.rest_faces)
-
-    def doubled(points: np.ndarray) -> np.ndarray:
-        a, b, c = (points[corners[:, k]] for k in range(3))
-        u, v = b - a, c - a
-        return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-
-    meshed = np.asarray(problem.discretization.meshed_positions)
-    return float(np.min(doubled(np.asarray(rest)) / doubled(meshed)))
 
 
 def try_unknowns(
@@ -176,14 +125,7 @@ def _drape_and_assess(
         has_aux=True,
     )
     times.append(now())
-    info = FitInfo(
-        iteration,
-        _judge(report, positions, options.largest_remaining_step),
-        newton_iterations=int(report.iterations),
-        solve_result=Result(int(report.result)),
-        remaining_step=float(report.step_size),
-        intersections=int(report.self_intersections) + int(report.body_intersections),
-    )
+    info = drape_info(problem, report, positions, iteration)
     if not info.accepted:
         return ended(info)
 
@@ -202,15 +144,6 @@ def _drape_and_assess(
         failed = dataclasses.replace(info, outcome=StepOutcome.ADJOINT_FAILED)
         return ended(failed, positions=positions)
     return ended(info, positions=positions, gradient=gradient)
-
-
-def _judge(report: Report, positions: Array, largest_remaining_step: float) -> StepOutcome:
-    if not bool(jnp.all(jnp.isfinite(positions))):
-        return StepOutcome.NON_FINITE
-    if not report.intersection_free:
-        return StepOutcome.INTERSECTS
-    close = float(report.step_size) <= largest_remaining_step
-    return StepOutcome.ACCEPTED if report.converged or close else StepOutcome.SOLVE_FAILED
 
 
 def _with_assessment(info: FitInfo, assessment: Assessment) -> FitInfo:

@@ -6,11 +6,12 @@ projected blocks scattered into the sparse matrix.
 """
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from dress_jax.contact.barrier import ContactSettings
@@ -25,11 +26,16 @@ from dress_jax.contact.potential import (
     contact_energy,
 )
 from dress_jax.core import components as c
-from dress_jax.core.pytree import pytree
-from dress_jax.energy.bending import HINGE_PAIRS, bending_vectors
+from dress_jax.core.pytree import pytree, replace
+from dress_jax.energy.bending import HINGE_PAIRS, bending_energy, bending_vectors
 from dress_jax.energy.cloth import Cloth, Parameters, vertex_masses
 from dress_jax.energy.elastic import TimeStep, elastic_energy, rest_hinges
-from dress_jax.energy.membrane import TRIANGLE_PAIRS, membrane_blocks, membrane_frame
+from dress_jax.energy.membrane import (
+    TRIANGLE_PAIRS,
+    membrane_blocks,
+    membrane_energy,
+    membrane_frame,
+)
 from dress_jax.energy.rest import rest_triangles, vertex_areas
 from dress_jax.solver.block_matrix import (
     BlockSlots,
@@ -198,6 +204,13 @@ def elastic_matrix(
         x, cloth.hinges, rest_hinges(parameters, cloth), parameters.bending_stiffness
     )
     values = scatter_outer(values, vectors, stiffness, HINGE_PAIRS, slots.hinges)
+    return _add_springs(values, parameters, cloth, frame, slots)
+
+
+def _add_springs(
+    values: Values, parameters: Parameters, cloth: Cloth, frame: Frame, slots: ElasticSlots
+) -> Values:
+    """Add inertia, pins and stitches, whose Hessians are constant and isotropic."""
     masses = vertex_masses(parameters, cloth) * frame.step.inverse_step**2
     isotropic = jnp.eye(3).reshape(1, 9)
 
@@ -258,6 +271,148 @@ def _pair_matrix(
 
 barrier_matrix = _pair_matrix(contact_blocks, _contact, _add_along)
 sliding_matrix = _pair_matrix(friction_blocks, _friction, _add_across)
+
+
+# Exact Hessians of the elements. Every element gets vertices of its own, so that one second
+# derivative along a coordinate of all elements together is one row of each of their Hessians.
+
+
+def _own_vertices(positions: Float[Array, "n 3"], elements: Int[Array, "k m"]) -> Array:
+    """Positions of the elements' vertices, each element's apart, (k m, 3)."""
+    return positions[elements.ravel()]
+
+
+def _own_indices(elements: Int[Array, "k m"]) -> Array:
+    """The elements in terms of `_own_vertices`."""
+    return jnp.arange(elements.size, dtype=jnp.int32).reshape(elements.shape)
+
+
+def _add_exact(
+    values: Values,
+    energy: Callable[[Array], Array],
+    own: Float[Array, "km 3"],
+    pairs: Sequence[tuple[int, int]],
+    target: BlockSlots,
+) -> Values:
+    """Add the Hessians of an energy that is a sum over elements with vertices of their own.
+
+    Args:
+        energy: function of `own`.
+        own: positions of the elements' vertices, (k m, 3).
+        pairs: pairs of stencil vertices.
+        target: where their blocks go.
+    """
+    count = target.slots.shape[1]
+    corners = own.shape[0] // count
+
+    def row(direction: Float[Array, "k 3"]) -> Array:
+        spread = jnp.repeat(direction, count, axis=0)
+        second = jax.jvp(jax.grad(energy), (own,), (spread,))[1]
+        return second.reshape(corners, count, 3)
+
+    basis = jnp.eye(3 * corners).reshape(3 * corners, corners, 3)
+    rows = jax.lax.map(row, basis).reshape(corners, 3, corners, count, 3)
+    first = np.array([p for p, _ in pairs])
+    second = np.array([q for _, q in pairs])
+    blocks = [
+        [
+            # The block of (q, p) is the transposed one of (p, q).
+            jnp.where(target.transposed, rows[first, j, second, :, i], rows[first, i, second, :, j])
+            for j in range(3)
+        ]
+        for i in range(3)
+    ]
+    return scatter_blocks(values, blocks, target.slots)
+
+
+@functools.partial(jax.jit, static_argnames="capacity")
+def exact_elastic_matrix(
+    positions: Float[Array, "n 3"],
+    parameters: Parameters,
+    cloth: Cloth,
+    frame: Frame,
+    slots: ElasticSlots,
+    *,
+    capacity: int,
+) -> Values:
+    """Exact Hessian of the elastic energies, scattered into its slots."""
+    rest = rest_triangles(parameters.rest_positions, cloth.rest_faces)
+    weights = rest_hinges(parameters, cloth)
+
+    def stretched(own: Array) -> Array:
+        return membrane_energy(
+            c.split(own),
+            _own_indices(cloth.faces),
+            rest,
+            parameters.stretching_stiffness,
+            parameters.poisson_ratio,
+            cloth.membrane,
+        )
+
+    def bent(own: Array) -> Array:
+        return bending_energy(
+            c.split(own), _own_indices(cloth.hinges), weights, parameters.bending_stiffness
+        )
+
+    values = empty_values(capacity)
+    triangles, hinges = (_own_vertices(positions, e) for e in (cloth.faces, cloth.hinges))
+    values = _add_exact(values, stretched, triangles, TRIANGLE_PAIRS, slots.triangles)
+    values = _add_exact(values, bent, hinges, HINGE_PAIRS, slots.hinges)
+    return _add_springs(values, parameters, cloth, frame, slots)
+
+
+def _exact_pair_matrix(
+    energy: Callable[[Array, Any], Array],
+    own_carrier: Callable[[Any, Pairs], Any],
+    carrier: Callable[[Parameters, Cloth, Frame, Pairs], Any],
+) -> Callable[..., Values]:
+    """The compiled function that adds the exact Hessian of one family of pairs to a matrix."""
+
+    def matrix(
+        values: Values,
+        positions: Float[Array, "n 3"],
+        parameters: Parameters,
+        cloth: Cloth,
+        frame: Frame,
+        pairs: Pairs,
+        slots: BlockSlots,
+    ) -> Values:
+        everything = _everything(positions, parameters)
+        own_pairs = Pairs(_own_indices(pairs.indices), pairs.count, pairs.kind)
+        own = own_carrier(carrier(parameters, cloth, frame, pairs), own_pairs)
+        vertices = _own_vertices(everything, pairs.indices)
+        return _add_exact(values, lambda x: energy(x, own), vertices, CONTACT_PAIRS, slots)
+
+    return jax.jit(matrix)
+
+
+def _own_contact(contact: Contact, pairs: Pairs) -> Contact:
+    areas = contact.areas[contact.pairs.indices.ravel()]
+    return Contact(pairs, areas, contact.barrier_stiffness, contact.settings)
+
+
+def _own_friction(friction: Friction, pairs: Pairs) -> Friction:
+    return replace(
+        friction,
+        contact=_own_contact(friction.contact, pairs),
+        start=_own_vertices(friction.start, friction.contact.pairs.indices),
+    )
+
+
+exact_barrier_matrix = _exact_pair_matrix(contact_energy, _own_contact, _contact)
+exact_sliding_matrix = _exact_pair_matrix(friction_energy, _own_friction, _friction)
+
+
+class Matrices(NamedTuple):
+    """Assembly of the Hessian: of elasticity, of the barrier and of friction."""
+
+    elastic: Callable[..., Values]
+    barrier: Callable[..., Values]
+    sliding: Callable[..., Values]
+
+
+PROJECTED = Matrices(elastic_matrix, barrier_matrix, sliding_matrix)
+EXACT = Matrices(exact_elastic_matrix, exact_barrier_matrix, exact_sliding_matrix)
 
 
 __all__ = ["HINGE_PAIRS", "TRIANGLE_PAIRS", "ElasticSlots", "Frame", "Kernels"]

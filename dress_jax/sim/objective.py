@@ -148,18 +148,19 @@ class StepObjective:
         ]
         return np.asarray(sum(parts))
 
-    def factorize(self, positions: Positions) -> Factorization:
-        """The projected Hessian, factorized.
+    def factorize(self, positions: Positions, *, exact: bool = False) -> Factorization:
+        """The Hessian, projected to positive definite or exact, factorized.
 
         Raises:
             LinearSolveError: it is not positive definite or not finite.
         """
-        families = [(kernels.barrier_matrix, pairs) for pairs in self.contacts(positions)]
-        families += [(kernels.sliding_matrix, pairs) for pairs in self._sliding]
+        elastic, barrier, sliding = kernels.EXACT if exact else kernels.PROJECTED
+        families = [(barrier, pairs) for pairs in self.contacts(positions)]
+        families += [(sliding, pairs) for pairs in self._sliding]
         slots = self._contact_slots([pairs for _, pairs in families], positions)
 
         simulator = self.simulator
-        values = kernels.elastic_matrix(
+        values = elastic(
             positions, *self._fixed, simulator.slots, capacity=simulator.pattern.capacity
         )
         for (kernel, pairs), target in zip(families, slots, strict=True):

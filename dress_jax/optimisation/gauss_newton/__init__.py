@@ -1,0 +1,1 @@
+"""Gauss-Newton with damping: outlines of the drape against outlines of the images."""

@@ -1,0 +1,67 @@
+"""Settings of the Gauss-Newton method (ours; the paper uses Adam throughout)."""
+
+import dataclasses
+import math
+
+from dress_jax.core.errors import InputError
+
+
+@dataclasses.dataclass(frozen=True)
+class GaussNewtonOptions:
+    """What counts how much, and how far one step may go.
+
+    The cost is half a sum of mean squares, each measured in its own scale: an outline that is off
+    by `outline_scale` all over costs as much as edges strained by `shape_scale` all over. Scales
+    are exchange rates and not bounds; a larger one means that the quantity matters less.
+
+    Attributes:
+        outline_scale: distance of outlines [m].
+        robust: distance beyond which an outline pulls with constant strength [m].
+        shape_scale: strain of pattern edges beyond what one linear map per panel explains.
+        size_scale: strain of pattern edges.
+        control_scale: way of control points [chord lengths].
+        seam_scale: change of a seam's length difference between its two sides [m].
+        stiffness_scale: change of the logarithms of the two stiffness factors.
+        longest_step: of a pattern corner in one step [m].
+        longest_control_step: of a control point [chord lengths].
+        longest_stiffness_step: of the logarithm of a stiffness factor.
+        damping: in the first step, relative to the diagonal of the normal matrix.
+        least_damping, most_damping: bounds; a fit that would need more damping has ended.
+        raise_damping, lower_damping: factors after a rejected, and after a well-predicted step.
+        idle_decrease: an accepted step that lowers the cost by a smaller part of it is idle.
+        idle_steps: a fit ends after this many idle steps in a row.
+    """
+
+    outline_scale: float = 0.01
+    robust: float = 0.03
+    shape_scale: float = 0.3
+    size_scale: float = 3.0
+    control_scale: float = 0.13
+    seam_scale: float = 0.02
+    stiffness_scale: float = 7.0
+    longest_step: float = 0.06
+    longest_control_step: float = 0.1
+    longest_stiffness_step: float = 0.5
+    damping: float = 1e-2
+    least_damping: float = 1e-3
+    most_damping: float = 30.0
+    raise_damping: float = 5.0
+    lower_damping: float = 0.3
+    idle_decrease: float = 0.01
+    idle_steps: int = 2
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise InputError(
+                    f"{field.name} is {value}",
+                    where="Gauss-Newton options",
+                    mend="it must be positive",
+                )
+        if not self.lower_damping < 1.0 < self.raise_damping:
+            raise InputError(
+                f"lower_damping is {self.lower_damping}, raise_damping {self.raise_damping}",
+                where="Gauss-Newton options",
+                mend="they must lie below and above 1",
+            )

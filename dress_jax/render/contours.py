@@ -1,0 +1,103 @@
+"""The outline of a garment's mask: where it crosses lines of pixel centres, and how it moves.
+
+The derivative of an antialiased mask tells what one pixel gains when the outline moves within it,
+and nothing about a target that lies ten pixels further. A crossing of the outline moves linearly
+with the vertices over any distance, so distances to a target outline can be linearized.
+"""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from dress_jax.core.pytree import pytree
+from dress_jax.render.attributes import find_visibility
+from dress_jax.render.cameras import Camera, project
+from dress_jax.render.mesh import RenderMesh, join_meshes
+from dress_jax.render.silhouettes import STEP_LIMIT, next_half_edge
+
+
+@pytree
+class Contour:
+    """Crossings of a mask's outline with rows and columns of pixel centres; padded.
+
+    Attributes:
+        point: column and row [px], (q, 2).
+        vertical: whether the line is a column; the crossing then moves along rows, (q,).
+        vertices: ends of the mesh edge that makes the outline, (q, 2).
+        slope: derivative of the moving coordinate in the two vertices [px/m]; zero where the
+            outline is one of the occluder, (q, 2, 3).
+        used: rows that hold a crossing, (q,).
+        unfinished: as in `Image`, ().
+    """
+
+    point: Float[Array, "q 2"]
+    vertical: Bool[Array, " q"]
+    vertices: Int[Array, "q 2"]
+    slope: Float[Array, "q 2 3"]
+    used: Bool[Array, " q"]
+    unfinished: Int[Array, ""]
+
+
+def find_contour(
+    camera: Camera,
+    garment: RenderMesh,
+    occluder: RenderMesh | None = None,
+    *,
+    step_limit: int | Int[Array, ""] = STEP_LIMIT,
+) -> Contour:
+    """The outline of the garment's visible part in one view.
+
+    Args:
+        camera: one camera.
+        garment: the mesh whose mask it is.
+        occluder: what hides it.
+        step_limit: see `find_visibility`.
+    """
+    positions, faces, adjacency = join_meshes(garment, occluder)
+    own = garment.faces.shape[0]
+    pixels, width = camera.height * camera.width, camera.width
+    visibility = find_visibility(camera, positions, faces, adjacency, step_limit=step_limit)
+    found = visibility.silhouettes
+    pair, swapped = found.pair // 2, found.pair % 2 == 1
+    vertical = pair >= pixels
+    first = jnp.where(vertical, pair - pixels, pair)
+    second = jnp.minimum(first + jnp.where(vertical, width, 1), pixels - 1)
+    near, far = jnp.where(swapped, second, first), jnp.where(swapped, first, second)
+    seen = (visibility.ids >= 0) & (visibility.ids < own)
+    used = jnp.arange(pair.shape[0], dtype=jnp.int32) < found.count
+    used = used & (seen[near] != seen[far])
+    corner = faces.reshape(-1)
+    vertices = jnp.stack([corner[found.edge], corner[next_half_edge(found.edge)]], axis=1)
+    line = jnp.where(vertical, near % width, near // width).astype(positions.dtype)
+
+    crossing = partial(_crossing, camera)
+    along = crossing(positions[vertices], line, vertical)
+    slope = jax.vmap(jax.grad(lambda ends, line, vertical: crossing(ends, line, vertical)))(
+        positions[vertices], line, vertical
+    )
+    moves = used & seen[near]
+    return Contour(
+        point=jnp.where(
+            vertical[:, None], jnp.stack([line, along], 1), jnp.stack([along, line], 1)
+        ),
+        vertical=vertical,
+        vertices=vertices,
+        slope=jnp.where(moves[:, None, None], slope, 0.0),
+        used=used,
+        unfinished=found.unfinished,
+    )
+
+
+def _crossing(
+    camera: Camera, ends: Float[Array, "*q 2 3"], line: Float[Array, "*q"], vertical: Array
+) -> Float[Array, "*q"]:
+    """Where the image of an edge crosses a row or column, along that row or column [px]."""
+    x, y, _ = project(camera, ends.reshape(-1, 3))
+    x, y = x.reshape(ends.shape[:-1]), y.reshape(ends.shape[:-1])
+    s = jnp.where(vertical[..., None], y, x)
+    v = jnp.where(vertical[..., None], x, y)
+    step = v[..., 1] - v[..., 0]
+    part = (line - v[..., 0]) / jnp.where(step == 0, 1.0, step)
+    return s[..., 0] + part * (s[..., 1] - s[..., 0])

@@ -1,0 +1,80 @@
+"""How a drape answers to its parameters: forward-mode derivatives, many directions at once.
+
+The adjoint of `equilibrium` costs one linear solve per scalar; here the exact Hessian is factorized
+once, and every direction costs one back-substitution. A pattern has a few hundred unknowns.
+"""
+
+import functools
+from collections.abc import Mapping
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from dress_jax.core.precision import require_float64
+from dress_jax.core.pytree import replace
+from dress_jax.energy.cloth import Parameters
+from dress_jax.energy.elastic import TimeStep
+from dress_jax.sim.kernels import Frame
+from dress_jax.sim.objective import StepObjective
+from dress_jax.sim.simulator import Simulator
+
+_BATCH = 16  # directions that are differentiated together
+
+
+def static_sensitivity(
+    simulator: Simulator,
+    parameters: Parameters,
+    positions: Float[np.ndarray, "n 3"],
+    directions: Mapping[str, Float[Array, "k *leaf"]],
+) -> Float[np.ndarray, "n 3 k"]:
+    """Derivatives of a static drape along directions in the space of its parameters.
+
+    They are those of `static_solve` from the drape itself: of one implicit step of 1 s that begins
+    at rest there, so they predict where the next such step with other parameters ends.
+
+    Args:
+        simulator: host object; its sparsity may be extended.
+        parameters: of the drape.
+        positions: the drape [m].
+        directions: changes of leaves of `Parameters`, by name; leaves that are absent stay.
+
+    Returns:
+        dx/ds [m] per unit of each direction.
+
+    Raises:
+        RuntimeError: double precision is off.
+        LinearSolveError: the exact Hessian is not positive definite, so that the state is no stable
+            minimum and has no derivative.
+    """
+    require_float64("static_sensitivity")
+    start = jnp.asarray(positions, jnp.float64)
+    frame = Frame(
+        step=TimeStep(start, jnp.zeros_like(start), jnp.asarray(1.0)),
+        body_start=parameters.body_vertices,
+        body_areas=simulator.body_areas,
+        settings=simulator.settings,
+    )
+    objective = StepObjective(simulator, parameters, frame)
+    x = np.asarray(start)
+    terms = objective.terms(objective.contacts(x))
+    fixed = (start, parameters, simulator.cloth, frame)
+    parts = [_force_changes(term.energy, directions, *fixed, *pairs) for term, pairs in terms]
+    change = np.sum([np.asarray(part) for part in parts], axis=0)
+    factorization = objective.factorize(x, exact=True)
+    return -factorization.solve(change.reshape(len(change), -1).T).reshape(*x.shape, -1)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _force_changes(energy, directions, positions, parameters, cloth, frame, *pairs):
+    """Changes of the gradient of one energy, (k, n, 3)."""
+    base = {name: getattr(parameters, name) for name in directions}
+
+    def gradient(varied):
+        return jax.grad(energy)(positions, replace(parameters, **varied), cloth, frame, *pairs)
+
+    def along(direction):
+        return jax.jvp(gradient, (base,), (direction,))[1]
+
+    return jax.lax.map(along, directions, batch_size=_BATCH)
