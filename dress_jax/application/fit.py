@@ -282,7 +282,8 @@ def _run(
 def _settle(problem: FitProblem, state: AnyState) -> tuple[AnyState, Report]:
     """Drape the fitted pattern once more, to the full tolerance, for the record."""
     rest = rest_positions(state.unknowns.pattern, problem.discretization)
-    parameters = fitted_parameters(problem, rest, state.unknowns.log_stiffness)
+    unknowns = state.unknowns
+    parameters = fitted_parameters(problem, rest, unknowns.log_stiffness, unknowns.pin_shift)
     simulator = dataclasses.replace(problem.simulator)
     drape = static_solve(simulator, parameters, state.positions)
     return replace(state, positions=drape.positions), drape.report
@@ -303,6 +304,7 @@ def fit_report(result: FitResult) -> dict[str, Any]:
         "history": result.history,
         "iou": {"start": before.iou, "end": after.iou},
         "stiffness_factors": np.exp(np.asarray(result.end.unknowns.log_stiffness)).tolist(),
+        "pin_shift_m": np.asarray(result.end.unknowns.pin_shift).tolist(),
         "weights": dict(result.problem.options.active_weights),
         "settings": dict(result.state.settings),
         "chamfer_cm": None,

@@ -28,6 +28,7 @@ def initial_unknowns(problem: FitProblem) -> Unknowns:
     return Unknowns(
         pattern=pattern_parameters(problem.pattern),
         log_stiffness=jnp.zeros(2),
+        pin_shift=jnp.zeros(3),
         colors=jnp.asarray(problem.colors),
     )
 
@@ -57,6 +58,7 @@ def simulate(
     simulator: Simulator,
     pattern: PatternParameters,
     log_stiffness: Float[Array, "2"],
+    pin_shift: Float[Array, "3"],
     start: Float[Array, "n 3"],
 ) -> tuple[tuple[Array, Array], Report]:
     """Rest shape and drape, differentiable in pattern and stiffness (S9.7).
@@ -67,14 +69,18 @@ def simulate(
         (draped positions, rest positions) [m], and how the solve went.
     """
     rest = rest_positions(pattern, problem.discretization)
-    drape = static_solve(simulator, fitted_parameters(problem, rest, log_stiffness), start)
+    parameters = fitted_parameters(problem, rest, log_stiffness, pin_shift)
+    drape = static_solve(simulator, parameters, start)
     return (drape.positions, rest), drape.report
 
 
 def fitted_parameters(
-    problem: FitProblem, rest: Float[Array, "p 2"], log_stiffness: Float[Array, "2"]
+    problem: FitProblem,
+    rest: Float[Array, "p 2"],
+    log_stiffness: Float[Array, "2"],
+    pin_shift: Float[Array, "3"],
 ) -> Parameters:
-    """The problem's parameters with a rest shape and factors on the two stiffnesses."""
+    """The problem's parameters with a rest shape, factors on the two stiffnesses, moved pins."""
     base = problem.parameters
     factor = jnp.exp(log_stiffness)
     return replace(
@@ -82,6 +88,7 @@ def fitted_parameters(
         rest_positions=rest,
         stretching_stiffness=base.stretching_stiffness * factor[0],
         bending_stiffness=base.bending_stiffness * factor[1],
+        pin_targets=base.pin_targets + pin_shift[None, :],
     )
 
 

@@ -43,6 +43,7 @@ class LearningRates:
         vertices: of the pattern's corners [m].
         controls: of its control points [chord lengths].
         log_stiffness: of the logarithms of the two stiffness factors.
+        pin_shift: of the pins [m].
         colors: of the vertex colours, in [0, 1].
     """
 
@@ -50,6 +51,7 @@ class LearningRates:
     vertices: float = 4e-3
     controls: float = 5e-3
     log_stiffness: float = 0.02
+    pin_shift: float = 1e-3
     colors: float = 0.05
 
 

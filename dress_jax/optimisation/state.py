@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, Int
 from dress_jax.core.pytree import pytree
 from dress_jax.pattern.parameters import PatternParameters
 
-GROUPS = ("vertices", "controls", "log_stiffness", "colors")
+GROUPS = ("vertices", "controls", "log_stiffness", "pin_shift", "colors")
 """Groups of unknowns, each with a learning rate and an optimiser state of its own."""
 
 
@@ -21,11 +21,14 @@ class Unknowns:
         pattern: corners [m] and control points [chord lengths].
         log_stiffness: logarithms of the factors on the stretching and the bending stiffness, (2,);
             so both stay positive (S9.14).
+        pin_shift: common displacement of all pins [m], (3,): how high a waist loop sits is not
+            known before the garment is.
         colors: RGB of the garment's vertices, (n, 3).
     """
 
     pattern: PatternParameters
     log_stiffness: Float[Array, "2"]
+    pin_shift: Float[Array, "3"]
     colors: Float[Array, "n 3"]
 
 
@@ -70,6 +73,7 @@ def groups(unknowns: Unknowns) -> dict[str, Array]:
         "vertices": unknowns.pattern.vertices,
         "controls": unknowns.pattern.controls,
         "log_stiffness": unknowns.log_stiffness,
+        "pin_shift": unknowns.pin_shift,
         "colors": unknowns.colors,
     }
 
@@ -79,6 +83,7 @@ def from_groups(arrays: dict[str, Array]) -> Unknowns:
     return Unknowns(
         pattern=PatternParameters(vertices=arrays["vertices"], controls=arrays["controls"]),
         log_stiffness=arrays["log_stiffness"],
+        pin_shift=arrays["pin_shift"],
         colors=arrays["colors"],
     )
 

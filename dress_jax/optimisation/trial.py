@@ -119,9 +119,10 @@ def _drape_and_assess(
         return Trial(info, **results)
 
     (positions, rest), pull, report = jax.vjp(
-        lambda pattern, log: simulate(problem, simulator, pattern, log, start),
+        lambda pattern, log, shift: simulate(problem, simulator, pattern, log, shift, start),
         unknowns.pattern,
         unknowns.log_stiffness,
+        unknowns.pin_shift,
         has_aux=True,
     )
     times.append(now())
@@ -161,9 +162,10 @@ def _pull_back(pull: Callable, slopes: Garment) -> Unknowns:
     with warnings.catch_warnings():
         # A failed adjoint is NaN, which rejects the step; that is the report of it.
         warnings.simplefilter("ignore", AdjointWarning)
-        by_pattern, by_stiffness = pull((slopes.positions, slopes.rest_positions))
+        by_pattern, by_stiffness, by_shift = pull((slopes.positions, slopes.rest_positions))
     return Unknowns(
         pattern=jax.tree.map(jnp.add, by_pattern, slopes.pattern),
         log_stiffness=by_stiffness,
+        pin_shift=by_shift,
         colors=slopes.colors,
     )

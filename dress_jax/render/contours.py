@@ -23,20 +23,26 @@ class Contour:
     """Crossings of a mask's outline with rows and columns of pixel centres; padded.
 
     Attributes:
-        point: column and row [px], (q, 2).
-        vertical: whether the line is a column; the crossing then moves along rows, (q,).
+        along: coordinate of the crossing on its line [px], (q,).
+        line: number of the row or column, (q,).
+        before: the pixel centre before the crossing on its line; the next one lies behind, (q,).
+        vertical: whether the line is a column, (q,).
         vertices: ends of the mesh edge that makes the outline, (q, 2).
-        slope: derivative of the moving coordinate in the two vertices [px/m]; zero where the
-            outline is one of the occluder, (q, 2, 3).
-        used: rows that hold a crossing, (q,).
+        slope: derivative of `along` in the two vertices [px/m]; zero where the outline is one of
+            the occluder, (q, 2, 3).
+        used: entries that hold a crossing, (q,).
+        inside: pixel centres that see the garment, (h, w).
         unfinished: as in `Image`, ().
     """
 
-    point: Float[Array, "q 2"]
+    along: Float[Array, " q"]
+    line: Int[Array, " q"]
+    before: Int[Array, " q"]
     vertical: Bool[Array, " q"]
     vertices: Int[Array, "q 2"]
     slope: Float[Array, "q 2 3"]
     used: Bool[Array, " q"]
+    inside: Bool[Array, "h w"]
     unfinished: Int[Array, ""]
 
 
@@ -70,34 +76,29 @@ def find_contour(
     used = used & (seen[near] != seen[far])
     corner = faces.reshape(-1)
     vertices = jnp.stack([corner[found.edge], corner[next_half_edge(found.edge)]], axis=1)
-    line = jnp.where(vertical, near % width, near // width).astype(positions.dtype)
-
-    crossing = partial(_crossing, camera)
-    along = crossing(positions[vertices], line, vertical)
-    slope = jax.vmap(jax.grad(lambda ends, line, vertical: crossing(ends, line, vertical)))(
-        positions[vertices], line, vertical
-    )
+    column, row = first % width, first // width
+    line = jnp.where(vertical, column, row)
+    crossing = jax.vmap(jax.value_and_grad(partial(_crossing, camera)))
+    along, slope = crossing(positions[vertices], line.astype(positions.dtype), vertical)
     moves = used & seen[near]
     return Contour(
-        point=jnp.where(
-            vertical[:, None], jnp.stack([line, along], 1), jnp.stack([along, line], 1)
-        ),
+        along=along,
+        line=line,
+        before=jnp.where(vertical, row, column),
         vertical=vertical,
         vertices=vertices,
         slope=jnp.where(moves[:, None, None], slope, 0.0),
         used=used,
+        inside=seen.reshape(camera.height, camera.width),
         unfinished=found.unfinished,
     )
 
 
 def _crossing(
-    camera: Camera, ends: Float[Array, "*q 2 3"], line: Float[Array, "*q"], vertical: Array
-) -> Float[Array, "*q"]:
+    camera: Camera, ends: Float[Array, "2 3"], line: Float[Array, ""], vertical: Bool[Array, ""]
+) -> Float[Array, ""]:
     """Where the image of an edge crosses a row or column, along that row or column [px]."""
-    x, y, _ = project(camera, ends.reshape(-1, 3))
-    x, y = x.reshape(ends.shape[:-1]), y.reshape(ends.shape[:-1])
-    s = jnp.where(vertical[..., None], y, x)
-    v = jnp.where(vertical[..., None], x, y)
-    step = v[..., 1] - v[..., 0]
-    part = (line - v[..., 0]) / jnp.where(step == 0, 1.0, step)
-    return s[..., 0] + part * (s[..., 1] - s[..., 0])
+    x, y, _ = project(camera, ends)
+    s, v = jnp.where(vertical, y, x), jnp.where(vertical, x, y)
+    step = v[1] - v[0]
+    return s[0] + (line - v[0]) / jnp.where(step == 0, 1.0, step) * (s[1] - s[0])

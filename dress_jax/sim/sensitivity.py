@@ -21,6 +21,7 @@ from dress_jax.sim.objective import StepObjective
 from dress_jax.sim.simulator import Simulator
 
 _BATCH = 16  # directions that are differentiated together
+_HALVINGS = 4  # of a prediction before it is given up
 
 
 def static_sensitivity(
@@ -49,6 +50,52 @@ def static_sensitivity(
             minimum and has no derivative.
     """
     require_float64("static_sensitivity")
+    objective = _at_rest(simulator, parameters, positions)
+    x = np.asarray(positions, np.float64)
+    terms = objective.terms(objective.contacts(x))
+    fixed = (x, parameters, simulator.cloth, objective.frame)
+    parts = [_force_changes(term.energy, directions, *fixed, *pairs) for term, pairs in terms]
+    change = np.sum([np.asarray(part) for part in parts], axis=0)
+    factorization = objective.factorize(x, exact=True)
+    return -factorization.solve(change.reshape(len(change), -1).T).reshape(*x.shape, -1)
+
+
+def predicted_start(
+    simulator: Simulator,
+    parameters: Parameters,
+    positions: Float[np.ndarray, "n 3"],
+    displacement: Float[np.ndarray, "n 3"],
+) -> Float[np.ndarray, "n 3"]:
+    """Where to begin a drape whose parameters have changed: along the predicted displacement.
+
+    As far as no pair touches, and no further than where the energy is below that at the positions;
+    so a prediction that fails costs time and nothing else. Close to the new equilibrium Newton
+    needs fewer steps, and folds stay what they are.
+
+    Args:
+        simulator: host object.
+        parameters: of the new drape.
+        positions: an intersection-free state [m], the drape of other parameters.
+        displacement: from `static_sensitivity` [m].
+
+    Returns:
+        An intersection-free state [m].
+    """
+    objective = _at_rest(simulator, parameters, positions)
+    fraction = objective.step_bound(positions, displacement)
+    energy = objective.value(positions)
+    for _ in range(_HALVINGS):
+        predicted = positions + fraction * displacement
+        if objective.value(predicted) < energy:
+            return predicted
+        fraction *= 0.5
+    return positions
+
+
+def _at_rest(
+    simulator: Simulator, parameters: Parameters, positions: Float[np.ndarray, "n 3"]
+) -> StepObjective:
+    """The objective of one step of 1 s that begins at rest at the positions."""
     start = jnp.asarray(positions, jnp.float64)
     frame = Frame(
         step=TimeStep(start, jnp.zeros_like(start), jnp.asarray(1.0)),
@@ -56,14 +103,7 @@ def static_sensitivity(
         body_areas=simulator.body_areas,
         settings=simulator.settings,
     )
-    objective = StepObjective(simulator, parameters, frame)
-    x = np.asarray(start)
-    terms = objective.terms(objective.contacts(x))
-    fixed = (start, parameters, simulator.cloth, frame)
-    parts = [_force_changes(term.energy, directions, *fixed, *pairs) for term, pairs in terms]
-    change = np.sum([np.asarray(part) for part in parts], axis=0)
-    factorization = objective.factorize(x, exact=True)
-    return -factorization.solve(change.reshape(len(change), -1).T).reshape(*x.shape, -1)
+    return StepObjective(simulator, parameters, frame)
 
 
 @functools.partial(jax.jit, static_argnums=0)

@@ -3,7 +3,7 @@
 import pytest
 from fit_scenes import draped_observation, tube_pattern, tube_problem
 
-from dress_jax.optimisation import init
+from dress_jax.optimisation import FitMethod, init
 
 
 @pytest.fixture(scope="session")
@@ -18,7 +18,9 @@ def truth():
 def fresh(truth):
     """Makes a new problem, as a resumed program would, with its start positions."""
     wrong = tube_pattern(length=0.22, girth=0.83)
-    return lambda **options: tube_problem(wrong, truth[1], **{"iterations": 12, **options})
+    return lambda **options: tube_problem(
+        wrong, truth[1], **{"method": FitMethod.ADAM, "iterations": 12, **options}
+    )
 
 
 @pytest.fixture(scope="session")

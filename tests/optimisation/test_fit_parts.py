@@ -80,6 +80,7 @@ def _unknowns(value):
     return Unknowns(
         pattern=PatternParameters(jnp.full((4, 2), value), jnp.full((4, 2), value)),
         log_stiffness=jnp.full(2, value),
+        pin_shift=jnp.full(3, value),
         colors=jnp.full((3, 3), value),
     )
 

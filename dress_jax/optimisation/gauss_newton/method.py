@@ -8,41 +8,19 @@ tried again with more damping.
 """
 
 import dataclasses
-import functools
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from dress_jax.core.pytree import pytree, replace
-from dress_jax.optimisation.draping import (
-    Clock,
-    does_not_drape,
-    drape_info,
-    fitted_parameters,
-    initial_unknowns,
-    settle,
-    smallest_relative_area,
-)
-from dress_jax.optimisation.gauss_newton.model import (
-    Measurement,
-    Reference,
-    as_vector,
-    from_vector,
-    make_model,
-    make_reference,
-    measure,
-    step_limits,
-)
+from dress_jax.optimisation.draping import Clock, does_not_drape, initial_unknowns, settle
+from dress_jax.optimisation.gauss_newton.model import as_vector, from_vector, step_limits
 from dress_jax.optimisation.gauss_newton.normal_equations import Model, damped_step
-from dress_jax.optimisation.losses import Garment, assess_value
+from dress_jax.optimisation.gauss_newton.trial import Iterate, try_step
 from dress_jax.optimisation.problem import FitProblem
-from dress_jax.optimisation.report import FitInfo, StepOutcome
-from dress_jax.optimisation.state import Unknowns, finite
-from dress_jax.pattern import rest_positions
-from dress_jax.sim import static_solve
-from dress_jax.solver.linear import LinearSolveError
+from dress_jax.optimisation.report import FitInfo
+from dress_jax.optimisation.state import Unknowns
 
 _WELL_PREDICTED, _BADLY_PREDICTED = 0.6, 0.25
 """Actual over promised decrease from which the damping falls, and below which it rises."""
@@ -50,35 +28,34 @@ _WELL_PREDICTED, _BADLY_PREDICTED = 0.6, 0.25
 
 @pytree
 class GaussNewtonState:
-    """A fit between two steps; the unknowns are always ones that drape without intersections.
+    """A fit between two steps.
 
     Attributes:
-        unknowns: last accepted values.
-        positions: the drape there, and the start of the next one (S9.5) [m], (n, 3).
-        cost: there, ().
-        gradient, matrix: the model of the cost there, (k,) and (k, k).
+        best: the lowest cost so far, and what the fit returns.
+        current: where the next step begins.
         damping: of the next step, ().
-        idle: accepted steps in a row that hardly lowered the cost, ().
+        excursion: accepted steps since the best; `GaussNewtonOptions.longest_excursion` bars the
+            way above it until there is a new best, ().
+        idle: new bests in a row that hardly lowered the cost, ().
         iteration: steps so far, accepted or not, ().
     """
 
-    unknowns: Unknowns
-    positions: Float[Array, "n 3"]
-    cost: Float[Array, ""]
-    gradient: Float[Array, " k"]
-    matrix: Float[Array, "k k"]
+    best: Iterate
+    current: Iterate
     damping: Float[Array, ""]
+    excursion: Int[Array, ""]
     idle: Int[Array, ""]
     iteration: Int[Array, ""]
 
+    @property
+    def unknowns(self) -> Unknowns:
+        """Of the best drape."""
+        return self.best.unknowns
 
-@dataclasses.dataclass(frozen=True)
-class _Trial:
-    """Unknowns that were draped; without a model unless they are accepted."""
-
-    info: FitInfo
-    positions: Array | None = None
-    model: Model | None = None
+    @property
+    def positions(self) -> Float[Array, "n 3"]:
+        """The best drape [m]."""
+        return self.best.positions
 
 
 def init(
@@ -95,16 +72,16 @@ def init(
         InputError: the initial pattern does not drape.
     """
     unknowns = initial_unknowns(problem)
-    trial = _try(problem, unknowns, settle(problem, positions), np.inf, iteration=0, clock=clock)
-    if trial.model is None or trial.positions is None:
+    settled = settle(problem, positions)
+    trial = try_step(problem, unknowns, settled, np.inf, iteration=0, clock=clock)
+    begin = trial.reached
+    if begin is None:
         raise does_not_drape(problem, trial.info)
     return GaussNewtonState(
-        unknowns=unknowns,
-        positions=trial.positions,
-        cost=jnp.asarray(trial.info.cost),
-        gradient=jnp.asarray(trial.model.gradient),
-        matrix=jnp.asarray(trial.model.matrix),
+        best=begin,
+        current=begin,
         damping=jnp.asarray(problem.options.gauss_newton.damping),
+        excursion=jnp.asarray(0),
         idle=jnp.asarray(0),
         iteration=jnp.asarray(0),
     )
@@ -113,9 +90,12 @@ def init(
 def step(
     problem: FitProblem, state: GaussNewtonState, *, clock: Clock | None = None
 ) -> tuple[GaussNewtonState, FitInfo]:
-    """Propose, drape, and keep what lowers the cost.
+    """Propose, drape, and keep what lowers the cost, or leads on from a fold that snapped.
 
-    Besides that, what is accepted is what Adam accepts, see `first_order.step`.
+    A fold that snaps raises the cost at once, and the steps after it often lower it further than
+    before. So a few steps in a row may stay above the best cost, within a factor; if none of them
+    finds a new best, the fit goes back to the best with more damping, and any further step must
+    lower the cost. Besides that, what is accepted is what Adam accepts, see `first_order.step`.
 
     Args:
         problem: made by `make_problem`.
@@ -123,36 +103,33 @@ def step(
         clock: seconds since any fixed time; without one, `FitInfo.seconds` stays empty.
     """
     options = problem.options.gauss_newton
-    damping, iteration = float(state.damping), int(state.iteration)
-    model = Model(np.asarray(state.gradient), np.asarray(state.matrix))
-    change, promised = damped_step(model, damping, step_limits(state.unknowns, options))
-    unknowns = from_vector(as_vector(state.unknowns) + change, state.unknowns)
-    cost = float(state.cost)
-    trial = _try(problem, unknowns, state.positions, cost, iteration=iteration, clock=clock)
+    damping, iteration, excursion = float(state.damping), int(state.iteration), int(state.excursion)
+    now, best = state.current, float(state.best.cost)
+    model = Model(np.asarray(now.gradient), np.asarray(now.matrix))
+    change, promised = damped_step(model, damping, step_limits(now.unknowns, options))
+    unknowns = from_vector(as_vector(now.unknowns) + change, now.unknowns)
+    free = excursion < options.longest_excursion
+    ceiling = best * options.excursion_height if free else best
+    trial = try_step(problem, unknowns, (now, change), ceiling, iteration=iteration, clock=clock)
     info = dataclasses.replace(trial.info, damping=damping)
-    following = jnp.asarray(iteration + 1)
-    if trial.model is None or trial.positions is None:
+    state = replace(state, iteration=jnp.asarray(iteration + 1))
+    reached = trial.reached
+    if reached is None:
         raised = jnp.asarray(damping * options.raise_damping)
-        return replace(state, iteration=following, damping=raised), info
-    decrease = cost - info.cost
+        barred = jnp.asarray(options.longest_excursion if excursion else 0)
+        return replace(state, current=state.best, damping=raised, excursion=barred), info
+
+    decrease = float(now.cost) - info.cost
     if decrease > _WELL_PREDICTED * promised:
         damping = max(damping * options.lower_damping, options.least_damping)
     elif decrease < _BADLY_PREDICTED * promised:
         damping = damping / options.lower_damping
-    idle = int(state.idle) + 1 if decrease < options.idle_decrease * cost else 0
-    return (
-        GaussNewtonState(
-            unknowns=unknowns,
-            positions=trial.positions,
-            cost=jnp.asarray(info.cost),
-            gradient=jnp.asarray(trial.model.gradient),
-            matrix=jnp.asarray(trial.model.matrix),
-            damping=jnp.asarray(damping),
-            idle=jnp.asarray(idle),
-            iteration=following,
-        ),
-        info,
-    )
+    state = replace(state, current=reached, damping=jnp.asarray(damping))
+    if not info.cost < best:
+        return replace(state, excursion=jnp.asarray(excursion + 1)), info
+    idle = int(state.idle) + 1 if best - info.cost < options.idle_decrease * best else 0
+    state = replace(state, best=reached, excursion=jnp.asarray(0), idle=jnp.asarray(idle))
+    return state, info
 
 
 def finished(problem: FitProblem, state: GaussNewtonState) -> bool:
@@ -169,107 +146,18 @@ def blank(problem: FitProblem) -> GaussNewtonState:
     """A state of the right structure; only its shapes mean something."""
     unknowns = initial_unknowns(problem)
     count = len(as_vector(unknowns))
-    return GaussNewtonState(
+    nothing = Iterate(
         unknowns=unknowns,
         positions=jnp.zeros((problem.discretization.vertex_count, 3)),
         cost=jnp.asarray(0.0),
         gradient=jnp.zeros(count),
         matrix=jnp.zeros((count, count)),
+    )
+    return GaussNewtonState(
+        best=nothing,
+        current=nothing,
         damping=jnp.asarray(0.0),
+        excursion=jnp.asarray(0),
         idle=jnp.asarray(0),
         iteration=jnp.asarray(0),
     )
-
-
-@functools.lru_cache(maxsize=2)
-def _reference(problem: FitProblem) -> Reference:
-    return make_reference(problem)
-
-
-def _try(
-    problem: FitProblem,
-    unknowns: Unknowns,
-    start: Array,
-    cost: float,
-    *,
-    iteration: int,
-    clock: Clock | None,
-) -> _Trial:
-    """Drape, cost and model, as far as the drape is sound and its cost below the given one.
-
-    A drape that is no stable equilibrium has no derivative; it goes on to a tighter tolerance,
-    `options.polish` times at most.
-    """
-    if not finite(unknowns):
-        return _Trial(FitInfo(iteration, StepOutcome.NON_FINITE))
-    rest = rest_positions(unknowns.pattern, problem.discretization)
-    if not smallest_relative_area(problem, np.asarray(rest)) >= problem.options.smallest_area:
-        return _Trial(FitInfo(iteration, StepOutcome.REST_DEGENERATE))
-    now = (lambda: 0.0) if clock is None else clock
-    seconds = {"forward": 0.0, "loss": 0.0, "adjoint": 0.0}
-    parameters = fitted_parameters(problem, rest, unknowns.log_stiffness)
-    reference, newton, iterations = _reference(problem), problem.simulator.newton, 0
-
-    def ended(info: FitInfo, **results) -> _Trial:
-        times = {} if clock is None else {**seconds, "total": sum(seconds.values())}
-        info = dataclasses.replace(info, newton_iterations=iterations, seconds=times)
-        return _Trial(info, **results)
-
-    for _ in range(1 + problem.options.polish):
-        begun = now()
-        # A copy: see `trial.try_unknowns`.
-        simulator = dataclasses.replace(problem.simulator, newton=newton)
-        drape = static_solve(simulator, parameters, start)
-        iterations += int(drape.report.iterations)
-        info = drape_info(problem, drape.report, drape.positions, iteration)
-        seconds["forward"] += now() - begun
-        if not info.accepted:
-            return ended(info)
-        begun = now()
-        measured = measure(problem, reference, unknowns, drape.positions)
-        info = dataclasses.replace(
-            info,
-            cost=measured.cost,
-            outline=measured.outline,
-            unfinished=measured.unfinished,
-        )
-        seconds["loss"] += now() - begun
-        if not np.isfinite(measured.cost):
-            return ended(dataclasses.replace(info, outcome=StepOutcome.NON_FINITE))
-        if not measured.cost < cost:
-            return ended(dataclasses.replace(info, outcome=StepOutcome.WORSE))
-        begun = now()
-        try:
-            model = make_model(problem, reference, unknowns, drape.positions, measured, parameters)
-        except LinearSolveError:
-            seconds["adjoint"] += now() - begun
-            info = dataclasses.replace(info, outcome=StepOutcome.ADJOINT_FAILED)
-            start = drape.positions
-            newton = dataclasses.replace(newton, tolerance=0.1 * newton.tolerance)
-            continue
-        seconds["adjoint"] += now() - begun
-        begun = now()
-        info = _with_loss(problem, info, unknowns, drape.positions, rest)
-        seconds["loss"] += now() - begun
-        return ended(info, positions=drape.positions, model=model)
-    return ended(info)
-
-
-def _with_loss(
-    problem: FitProblem, info: FitInfo, unknowns: Unknowns, positions: Array, rest: Array
-) -> FitInfo:
-    """With the paper's loss, which no step looks at: it makes fits of both methods comparable."""
-    weights = {name: jnp.asarray(w) for name, w in problem.options.active_weights.items()}
-    garment = Garment(positions, rest, unknowns.pattern, unknowns.colors)
-    assessment = jax.block_until_ready(
-        assess_value(garment, weights, problem.tables, problem.observation)
-    )
-    return dataclasses.replace(
-        info,
-        loss=float(assessment.loss),
-        terms={name: float(value) for name, value in sorted(assessment.terms.items())},
-        iou=float(assessment.iou),
-    )
-
-
-__all__ = ["GaussNewtonState", "Measurement", "blank", "finished", "init", "step"]

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Parameters
+from dress_jax.optimisation.draping import fitted_parameters, initial_unknowns
 from dress_jax.optimisation.gauss_newton.normal_equations import (
     Model,
     add,
@@ -24,10 +25,9 @@ from dress_jax.optimisation.gauss_newton.normal_equations import (
 )
 from dress_jax.optimisation.gauss_newton.options import GaussNewtonOptions
 from dress_jax.optimisation.gauss_newton.outline import (
-    Crossings,
-    Outline,
+    Drawn,
     Rows,
-    find_outline,
+    Target,
     outline_rows,
 )
 from dress_jax.optimisation.gauss_newton.prior import Quadratic, edge_strain_matrix
@@ -36,11 +36,13 @@ from dress_jax.optimisation.state import Unknowns
 from dress_jax.pattern import Discretization, edge_lengths, pattern_parameters, rest_positions
 from dress_jax.pattern.parameters import EdgeTable, PatternParameters
 from dress_jax.render.cameras import Camera, CameraKind
-from dress_jax.render.contours import find_contour
+from dress_jax.render.contours import Contour, find_contour
 from dress_jax.render.mesh import RenderMesh
 from dress_jax.sim.sensitivity import static_sensitivity
 
 Vector = Float[np.ndarray, " k"]
+
+_FACTORS = 2  # stretching and bending
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -48,11 +50,11 @@ class Reference:
     """What every step of a fit compares with; made once by `make_reference`.
 
     Attributes:
-        outlines: of the masks.
+        targets: the masks.
         prior: around the initial pattern.
     """
 
-    outlines: list[Outline]
+    targets: list[Target]
     prior: Quadratic
 
 
@@ -76,26 +78,28 @@ class Measurement:
 
 
 def as_vector(unknowns: Unknowns) -> Vector:
-    """Corners [m], control points [chord lengths], logarithms of stiffness factors."""
+    """Corners [m], control points [chord lengths], logarithms of stiffness factors, pins [m]."""
     pattern = unknowns.pattern
-    parts = (pattern.vertices, pattern.controls, unknowns.log_stiffness)
+    parts = (pattern.vertices, pattern.controls, unknowns.log_stiffness, unknowns.pin_shift)
     return np.concatenate([np.asarray(part).ravel() for part in parts])
 
 
 def from_vector(vector: Vector, like: Unknowns) -> Unknowns:
     """The inverse of `as_vector`; colours are those of `like`."""
-    pattern, log_stiffness = _split(jnp.asarray(vector), like.pattern)
-    return Unknowns(pattern=pattern, log_stiffness=log_stiffness, colors=like.colors)
+    pattern, log_stiffness, pin_shift = _split(jnp.asarray(vector), like.pattern)
+    return Unknowns(
+        pattern=pattern, log_stiffness=log_stiffness, pin_shift=pin_shift, colors=like.colors
+    )
 
 
-def _split(vector: Array, like: PatternParameters) -> tuple[PatternParameters, Array]:
+def _split(vector: Array, like: PatternParameters) -> tuple[PatternParameters, Array, Array]:
     corners = like.vertices.size
     controls = corners + like.controls.size
     pattern = PatternParameters(
         vertices=vector[:corners].reshape(like.vertices.shape),
         controls=vector[corners:controls].reshape(like.controls.shape),
     )
-    return pattern, vector[controls:]
+    return pattern, vector[controls : controls + _FACTORS], vector[controls + _FACTORS :]
 
 
 def step_limits(unknowns: Unknowns, options: GaussNewtonOptions) -> Vector:
@@ -105,16 +109,16 @@ def step_limits(unknowns: Unknowns, options: GaussNewtonOptions) -> Vector:
             np.full(unknowns.pattern.vertices.size, options.longest_step),
             np.full(unknowns.pattern.controls.size, options.longest_control_step),
             np.full(unknowns.log_stiffness.size, options.longest_stiffness_step),
+            np.full(unknowns.pin_shift.size, options.longest_pin_step),
         ]
     )
 
 
 def make_reference(problem: FitProblem) -> Reference:
-    """Outlines of the images, and the prior."""
+    """The masks on the host, and the prior."""
     observation = problem.observation
     masks, valid = np.asarray(observation.mask), np.asarray(observation.valid) > 0.0
-    outlines = [find_outline(m, v) for m, v in zip(masks, valid, strict=True)]
-    return Reference(outlines, _prior(problem))
+    return Reference([Target(*pair) for pair in zip(masks, valid, strict=True)], _prior(problem))
 
 
 def _prior(problem: FitProblem) -> Quadratic:
@@ -128,19 +132,19 @@ def _prior(problem: FitProblem) -> Quadratic:
         shape_scale=options.shape_scale,
         size_scale=options.size_scale,
     )
-    controls, factors = start.controls.size, 2
+    controls = start.controls.size
     corners = np.kron(strain, np.eye(2))  # x and y alike
     rest = np.concatenate(
         [
             np.full(controls, 2.0 / (controls * options.control_scale**2)),
-            np.full(factors, 1.0 / options.stiffness_scale**2),
+            np.full(_FACTORS, 1.0 / options.stiffness_scale**2),
+            np.full(3, 1.0 / options.pin_scale**2),
         ]
     )
     matrix = np.zeros((len(corners) + len(rest),) * 2)
     matrix[: len(corners), : len(corners)] = corners
     matrix[len(corners) :, len(corners) :] = np.diag(rest)
-    center = [np.asarray(start.vertices).ravel(), np.asarray(start.controls).ravel(), np.zeros(2)]
-    return Quadratic(np.concatenate(center), matrix)
+    return Quadratic(as_vector(initial_unknowns(problem)), matrix)
 
 
 def measure(
@@ -158,18 +162,9 @@ def measure(
     cameras = problem.observation.cameras
     garment = replace(tables.garment, positions=positions)
     contours = jax.tree.map(np.asarray, _contours(cameras, garment, tables.occluder))
-    valid = np.asarray(problem.observation.valid) > 0.0
-    drawn = []
-    for view in range(problem.observation.view_count):
-        used = contours.used[view].copy()
-        at = np.round(contours.point[view][used]).astype(int)
-        used[used] = valid[view][
-            np.clip(at[:, 1], 0, valid.shape[1] - 1), np.clip(at[:, 0], 0, valid.shape[2] - 1)
-        ]
-        fields = (contours.point, contours.vertical, contours.vertices, contours.slope)
-        drawn.append(Crossings(*(np.asarray(field[view][used]) for field in fields)))
+    drawn = [_drawn(contours, view) for view in range(problem.observation.view_count)]
     metres = _metres_per_pixel(cameras, np.mean(np.asarray(positions), axis=0))
-    rows = outline_rows(reference.outlines, drawn, metres, len(positions))
+    rows = outline_rows(reference.targets, drawn, metres, len(positions))
     seams = np.asarray(
         _seam_changes(as_vector(unknowns), unknowns.pattern, tables.edges, *_seam_data(problem))
     )
@@ -228,9 +223,53 @@ def make_model(
     )
 
 
+def predict_displacement(
+    problem: FitProblem,
+    unknowns: Unknowns,
+    positions: Float[np.ndarray, "n 3"],
+    change: Vector,
+) -> Float[np.ndarray, "n 3"]:
+    """How a drape is expected to move when its unknowns change [m], to first order.
+
+    Args:
+        problem: what is fitted.
+        unknowns: of the drape.
+        positions: the drape [m].
+        change: of `as_vector(unknowns)`.
+
+    Raises:
+        LinearSolveError: the drape is no stable equilibrium.
+    """
+    rest = rest_positions(unknowns.pattern, problem.discretization)
+    parameters = fitted_parameters(problem, rest, unknowns.log_stiffness, unknowns.pin_shift)
+    data = (unknowns.pattern, problem.discretization, parameters)
+    along = _parameter_change(as_vector(unknowns), change, *data)
+    simulator = dataclasses.replace(problem.simulator)
+    directions = {name: value[None] for name, value in along.items()}
+    return static_sensitivity(simulator, parameters, positions, directions)[..., 0]
+
+
 @jax.jit
 def _contours(cameras: Camera, garment: RenderMesh, occluder: RenderMesh | None):
     return jax.lax.map(lambda camera: find_contour(camera, garment, occluder), cameras)
+
+
+def _drawn(contours: Contour, view: int) -> Drawn:
+    """One view's outline, without padding (host)."""
+    used = np.asarray(contours.used[view])
+
+    def kept(field: Array) -> np.ndarray:
+        return np.asarray(field[view])[used]
+
+    return Drawn(
+        along=kept(contours.along),
+        line=kept(contours.line),
+        before=kept(contours.before),
+        vertical=kept(contours.vertical),
+        vertices=kept(contours.vertices),
+        slope=kept(contours.slope),
+        inside=np.asarray(contours.inside[view]),
+    )
 
 
 def _metres_per_pixel(cameras: Camera, center: Float[np.ndarray, "3"]) -> Float[np.ndarray, " v"]:
@@ -268,15 +307,27 @@ def _parameter_directions(
     vector: Array, like: PatternParameters, discretization: Discretization, parameters: Parameters
 ) -> dict[str, Array]:
     """Derivatives of the drape's parameters in every unknown, leading axis: unknowns."""
+    every = jnp.eye(vector.shape[0])
+    return jax.vmap(lambda d: _parameter_change(vector, d, like, discretization, parameters))(every)
+
+
+@jax.jit
+def _parameter_change(
+    vector: Array,
+    direction: Array,
+    like: PatternParameters,
+    discretization: Discretization,
+    parameters: Parameters,
+) -> dict[str, Array]:
+    """Derivative of the drape's parameters along one direction of the unknowns."""
 
     def rest(vector: Array) -> Array:
         return rest_positions(_split(vector, like)[0], discretization)
 
-    count = vector.shape[0]
-    stretching = jnp.zeros(count).at[count - 2].set(parameters.stretching_stiffness)
-    bending = jnp.zeros(count).at[count - 1].set(parameters.bending_stiffness)
+    _, factors, shift = _split(direction, like)
     return {
-        "rest_positions": jnp.moveaxis(jax.jacfwd(rest)(vector), -1, 0),
-        "stretching_stiffness": stretching,
-        "bending_stiffness": bending,
+        "rest_positions": jax.jvp(rest, (vector,), (direction,))[1],
+        "stretching_stiffness": parameters.stretching_stiffness * factors[0],
+        "bending_stiffness": parameters.bending_stiffness * factors[1],
+        "pin_targets": jnp.broadcast_to(shift[None, :], parameters.pin_targets.shape),
     }

@@ -22,13 +22,17 @@ class GaussNewtonOptions:
         control_scale: way of control points [chord lengths].
         seam_scale: change of a seam's length difference between its two sides [m].
         stiffness_scale: change of the logarithms of the two stiffness factors.
+        pin_scale: displacement of the pins [m].
         longest_step: of a pattern corner in one step [m].
         longest_control_step: of a control point [chord lengths].
+        longest_pin_step: of the pins [m].
         longest_stiffness_step: of the logarithm of a stiffness factor.
         damping: in the first step, relative to the diagonal of the normal matrix.
         least_damping, most_damping: bounds; a fit that would need more damping has ended.
         raise_damping, lower_damping: factors after a rejected, and after a well-predicted step.
-        idle_decrease: an accepted step that lowers the cost by a smaller part of it is idle.
+        longest_excursion: so many steps in a row may stay above the best cost.
+        excursion_height: and up to this multiple of it.
+        idle_decrease: a new best that lowers the cost by a smaller part of it is idle.
         idle_steps: a fit ends after this many idle steps in a row.
     """
 
@@ -39,14 +43,18 @@ class GaussNewtonOptions:
     control_scale: float = 0.13
     seam_scale: float = 0.02
     stiffness_scale: float = 7.0
+    pin_scale: float = 0.1
     longest_step: float = 0.06
     longest_control_step: float = 0.1
+    longest_pin_step: float = 0.01
     longest_stiffness_step: float = 0.5
     damping: float = 1e-2
     least_damping: float = 1e-3
     most_damping: float = 30.0
     raise_damping: float = 5.0
     lower_damping: float = 0.3
+    longest_excursion: int = 4
+    excursion_height: float = 2.0
     idle_decrease: float = 0.01
     idle_steps: int = 2
 
