@@ -1,6 +1,7 @@
 """Time of the derivative of a drape beside the drape itself: square cloths over a sphere.
 
-    python benchmarks/derivatives.py [--sides 32 50 100] [--runs 3] [--json times.json]
+    python benchmarks/derivatives.py [--sides 32 50 100] [--runs 3] [--directions 100]
+                                     [--json times.json]
 
 A square of 60 cm, held at two corners, falls onto a sphere and comes to rest in contact. Each size
 is solved twice:
@@ -11,7 +12,9 @@ is solved twice:
 
 The forward time is that of `static_solve` through `jax.vjp`. The backward time is that of pulling a
 random cotangent back into every parameter: conjugate gradients with the exact Hessian, in `CG`
-iterations that take the time `solve`, and the product with the mixed derivative. `compile` is what
+iterations that take the time `solve`, and the product with the mixed derivative. `forward mode` is
+the sensitivity of the drape to --directions random changes of the rest shape: one factorization of
+the exact Hessian, and a mixed derivative and a back-substitution for each. `compile` is what
 the first of several equal calls takes longer than the median of the others, which is what the other
 columns show; without a compilation, such as in the warm case, it is noise.
 
@@ -38,6 +41,7 @@ import trimesh
 from dress_jax.core.pytree import replace
 from dress_jax.energy.fabric import named_fabric
 from dress_jax.sim import Parameters, Simulator, equilibrium, make_cloth, make_simulation
+from dress_jax.sim.sensitivity import static_sensitivity
 from dress_jax.sim.solve import static_solve
 
 SIZE, RADIUS, GAP = 0.6, 0.15, 0.005  # [m]
@@ -101,7 +105,7 @@ class AdjointWatch:
 
 
 def measure(
-    simulator: Simulator, parameters: Parameters, start: np.ndarray, runs: int
+    simulator: Simulator, parameters: Parameters, start: np.ndarray, runs: int, directions: int
 ) -> tuple[jax.Array, dict[str, Any]]:
     """The drape, and one row of the table."""
 
@@ -120,6 +124,14 @@ def measure(
     cotangent = jnp.asarray(np.random.default_rng(0).normal(size=positions.shape))
     with AdjointWatch() as watch:
         (gradient,), backward_times = timed(lambda: pull(cotangent), runs)
+    shape = (directions, *parameters.rest_positions.shape)
+    along = {"rest_positions": jnp.asarray(np.random.default_rng(1).normal(size=shape))}
+
+    def sensitivity():
+        own = dataclasses.replace(simulator)
+        return static_sensitivity(own, parameters, np.asarray(positions), along)
+
+    _, sensitivity_times = timed(sensitivity, runs)
     reach = float(simulator.settings.dhat + simulator.settings.thickness)
     return positions, {
         "vertices": len(start),
@@ -132,20 +144,22 @@ def measure(
         "adjoint_solve_seconds": statistics.median(watch.seconds[1:]),
         "finite": bool(all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(gradient))),
         "ratio": backward_times["seconds"] / forward_times["seconds"],
+        "sensitivity": sensitivity_times,
+        "sensitivity_ratio": sensitivity_times["seconds"] / forward_times["seconds"],
     }
 
 
-def cases(side: int, runs: int) -> dict[str, dict[str, Any]]:
+def cases(side: int, runs: int, directions: int) -> dict[str, dict[str, Any]]:
     """Cold and warm."""
     simulator, parameters, start = scene(side)
-    drape, cold = measure(simulator, parameters, start, runs)
+    drape, cold = measure(simulator, parameters, start, runs, directions)
     changed = replace(
         parameters,
         rest_positions=CHANGE * parameters.rest_positions,
         stretching_stiffness=CHANGE * parameters.stretching_stiffness,
         bending_stiffness=CHANGE * parameters.bending_stiffness,
     )
-    _, warm = measure(simulator, changed, np.asarray(drape), runs)
+    _, warm = measure(simulator, changed, np.asarray(drape), runs, directions)
     return {"cold": cold, "warm": warm}
 
 
@@ -154,16 +168,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sides", type=int, nargs="+", default=[32, 50])
     parser.add_argument("--runs", type=int, default=3)
+    parser.add_argument("--directions", type=int, default=100)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     report = {"device": jax.devices()[0].platform, "jax": jax.__version__, "sides": {}}
     print(
         f"{'vertices':>8} {'start':>5} {'Newton':>7} {'forward':>9} {'compile':>8} "
-        f"{'CG':>4} {'backward':>9} {'solve':>8} {'compile':>8} {'ratio':>6}"
+        f"{'CG':>4} {'backward':>9} {'solve':>8} {'compile':>8} {'ratio':>6} "
+        f"{'forward mode':>13} {'compile':>8} {'ratio':>6}"
     )
     for side in options.sides:
-        rows = cases(side, options.runs)
+        rows = cases(side, options.runs, options.directions)
         report["sides"][str(side)] = rows
         for start, row in rows.items():
             forward, backward = row["forward"], row["backward"]
@@ -175,7 +191,9 @@ def main() -> None:
                 f"{forward['seconds']:8.2f}s {forward['compile_seconds']:7.1f}s "
                 f"{row['adjoint_iterations']:4d} {backward['seconds']:8.3f}s "
                 f"{row['adjoint_solve_seconds']:7.3f}s {backward['compile_seconds']:7.1f}s "
-                f"{100 * row['ratio']:5.1f}%{faults}",
+                f"{100 * row['ratio']:5.1f}% {row['sensitivity']['seconds']:12.3f}s "
+                f"{row['sensitivity']['compile_seconds']:7.1f}s "
+                f"{100 * row['sensitivity_ratio']:5.1f}%{faults}",
                 flush=True,
             )
     text = json.dumps(report, indent=1)

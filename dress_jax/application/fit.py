@@ -3,10 +3,10 @@
 import dataclasses
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from dress_jax.application.drape import (
     DrapeOptions,
@@ -28,7 +28,6 @@ from dress_jax.application.quality import drape_quality
 from dress_jax.application.targets import TargetViews
 from dress_jax.application.wearer import Wearer
 from dress_jax.core.errors import InputError
-from dress_jax.core.pytree import replace
 from dress_jax.core.results import Result
 from dress_jax.energy.cloth import make_cloth
 from dress_jax.energy.fabric import named_fabric
@@ -47,6 +46,7 @@ from dress_jax.optimisation import (
     make_problem,
 )
 from dress_jax.optimisation.draping import fitted_parameters
+from dress_jax.optimisation.state import DrapedUnknowns, Unknowns
 from dress_jax.pattern import Discretization, Pattern, discretize, rest_positions
 from dress_jax.sim import make_simulation, static_solve
 from dress_jax.sim.equilibrium import Report
@@ -55,13 +55,21 @@ CHECKPOINT_EVERY = 5
 _GREY = 0.5
 
 
+class Fitted(NamedTuple):
+    """Unknowns and their drape [m], (n, 3)."""
+
+    unknowns: Unknowns
+    positions: Array
+
+
 @dataclasses.dataclass(frozen=True)
 class FitResult:
     """A finished or interrupted fit.
 
     Attributes:
         problem: what was fitted.
-        begin, end: first and last state; `end` holds the settled drape.
+        begin: first unknowns and drape.
+        end: fitted unknowns and their settled drape.
         start: the initial drape.
         state: the final drape with its pattern's panels.
         pattern: the fitted pattern.
@@ -72,8 +80,8 @@ class FitResult:
     """
 
     problem: FitProblem
-    begin: AnyState
-    end: AnyState
+    begin: DrapedUnknowns
+    end: Fitted
     start: DrapedState
     state: DrapedState
     pattern: Pattern
@@ -153,22 +161,22 @@ def fit_pattern(
         save_start(folder, start, identity)
     problem = _problem(pattern, discretization, start, views, drape_options, fit_options)
     begin, state, history = _run(problem, start, folder, resume=resume, progress=progress)
-    state, report = _settle(problem, state)
+    end, report = _settle(problem, state)
     true_mesh = None if views.truth is None else (views.truth.vertices, views.truth.faces)
     before, after = (
-        evaluate(problem, s, true_mesh=true_mesh, true_pattern=truth) for s in (begin, state)
+        evaluate(problem, s, true_mesh=true_mesh, true_pattern=truth) for s in (begin, end)
     )
-    rest = np.asarray(rest_positions(state.unknowns.pattern, discretization))
+    rest = np.asarray(rest_positions(end.unknowns.pattern, discretization))
     garment = dataclasses.replace(
-        start.garment, vertices=np.asarray(state.positions), rest_positions=rest
+        start.garment, vertices=np.asarray(end.positions), rest_positions=rest
     )
     return FitResult(
         problem=problem,
         begin=begin,
-        end=state,
+        end=end,
         start=start,
         state=dataclasses.replace(start, garment=garment),
-        pattern=fitted_pattern(problem, state),
+        pattern=fitted_pattern(problem, end),
         report=report,
         history=history,
         before=before,
@@ -279,14 +287,14 @@ def _run(
     return begin, state, history
 
 
-def _settle(problem: FitProblem, state: AnyState) -> tuple[AnyState, Report]:
+def _settle(problem: FitProblem, state: DrapedUnknowns) -> tuple[Fitted, Report]:
     """Drape the fitted pattern once more, to the full tolerance, for the record."""
     rest = rest_positions(state.unknowns.pattern, problem.discretization)
     unknowns = state.unknowns
     parameters = fitted_parameters(problem, rest, unknowns.log_stiffness, unknowns.pin_shift)
     simulator = dataclasses.replace(problem.simulator)
     drape = static_solve(simulator, parameters, state.positions)
-    return replace(state, positions=drape.positions), drape.report
+    return Fitted(unknowns, drape.positions), drape.report
 
 
 def fit_report(result: FitResult) -> dict[str, Any]:

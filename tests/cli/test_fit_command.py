@@ -44,7 +44,6 @@ def fitted(draped, inputs, run, tmp_path_factory):
     return root, command
 
 
-@pytest.mark.slow
 def test_a_fit_writes_every_file_and_gets_better(fitted):
     folder = fitted[0] / "whole"
     names = {path.name for path in folder.iterdir()}
