@@ -38,8 +38,8 @@ class GaussNewtonOptions:
 
     outline_scale: float = 0.01
     robust: float = 0.03
-    shape_scale: float = 0.3
-    size_scale: float = 3.0
+    shape_scale: float = 0.25
+    size_scale: float = 0.6
     control_scale: float = 0.13
     seam_scale: float = 0.02
     stiffness_scale: float = 7.0
