@@ -44,7 +44,7 @@ class GaussNewtonOptions:
     seam_scale: float = 0.02
     stiffness_scale: float = 7.0
     pin_scale: float = 0.1
-    longest_step: float = 0.06
+    longest_step: float = 0.03
     longest_control_step: float = 0.1
     longest_pin_step: float = 0.01
     longest_stiffness_step: float = 0.5
@@ -56,7 +56,7 @@ class GaussNewtonOptions:
     longest_excursion: int = 4
     excursion_height: float = 2.0
     idle_decrease: float = 0.01
-    idle_steps: int = 2
+    idle_steps: int = 4
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
