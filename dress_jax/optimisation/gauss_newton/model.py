@@ -1,7 +1,7 @@
 """The cost of a drape, and its quadratic model in the unknowns.
 
 Outlines of the drawn garment against outlines of the masks, and the prior. The unknowns are the
-pattern and the two stiffnesses, as one vector; colours stay as they are.
+pattern, the two stiffnesses and the pins, as one vector; colours stay as they are.
 """
 
 import dataclasses
@@ -205,7 +205,7 @@ def make_model(
     at = as_vector(unknowns)
     seam_data = (unknowns.pattern, tables.edges, *_seam_data(problem))
     directions = _parameter_directions(at, unknowns.pattern, problem.discretization, parameters)
-    # A copy, as for the drapes; see `draping`.
+    # A copy, as for the drapes; see `optimisation.trial.try_unknowns`.
     simulator = dataclasses.replace(problem.simulator)
     sensitivity = static_sensitivity(simulator, parameters, np.asarray(positions), directions)
     return add(
