@@ -25,6 +25,7 @@ from dress_jax.energy.membrane import principal_stretches  # noqa: E402
 from dress_jax.energy.rest import rest_triangles  # noqa: E402
 from dress_jax.io.body_meshes import load_body_mesh  # noqa: E402
 from dress_jax.io.patterns import load_pattern  # noqa: E402
+from dress_jax.io.programs import drop_programs_when_many  # noqa: E402
 from dress_jax.pattern import discretize, pattern_parameters, rest_positions  # noqa: E402
 from dress_jax.render.shading import label_colors, preview  # noqa: E402
 from dress_jax.sim import make_simulation, static_solve  # noqa: E402
@@ -131,17 +132,20 @@ def main() -> None:
     parser.add_argument("--fabric", choices=sorted(FABRICS), default="cotton")
     parser.add_argument("--only", default="", help="part of the names to run")
     options = parser.parse_args()
-    for folder in ("rows", "pictures"):
-        (options.out / folder).mkdir(parents=True, exist_ok=True)
     body, body_faces = load_body_mesh(options.body)
     fabric = FABRICS[options.fabric]
     rows = []
-    for path in sorted(options.patterns.glob("*_specification.json")):
+    paths = sorted(options.patterns.glob("*_specification.json"))
+    paths = [path for path in paths if options.only in path.name]
+    if not paths:
+        parser.error(f"no *{options.only}*_specification.json in {options.patterns}")
+    for folder in ("rows", "pictures"):
+        (options.out / folder).mkdir(parents=True, exist_ok=True)
+    for path in paths:
         name = path.name.removesuffix("_specification.json")
-        if options.only not in name:
-            continue
         record = options.out / "rows" / f"{name}.json"
         if not record.is_file():
+            drop_programs_when_many()
             row: dict = {"name": name}
             try:
                 picture = options.out / "pictures" / f"{name}.png"

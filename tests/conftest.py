@@ -6,22 +6,17 @@ from pathlib import Path
 import jax
 import pytest
 
+from dress_jax.io.programs import drop_programs_when_many
+
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
-
-
-# A Linux process may map 65,530 pieces of memory (vm.max_map_count), and every compiled program
-# holds several until it is dropped; beyond that, the compiler crashes.
-_MAPPED = Path("/proc/self/maps")
-_MANY_MAPPED = 20_000
 
 
 @pytest.fixture(scope="module", autouse=True)
 def few_compiled_programs():
     """Drop the programs of earlier modules before there are too many of them."""
     yield
-    if _MAPPED.is_file() and len(_MAPPED.read_text().splitlines()) > _MANY_MAPPED:
-        jax.clear_caches()
+    drop_programs_when_many()
 
 
 @pytest.fixture(scope="session")

@@ -19,6 +19,7 @@ from dress_jax.core.results import Result
 from dress_jax.energy.cloth import Gravity, Parameters
 from dress_jax.energy.fabric import Fabric, named_fabric
 from dress_jax.io.meshes import GarmentMesh
+from dress_jax.io.programs import drop_programs_when_many
 from dress_jax.io.results import DrapedState, write_result
 from dress_jax.pattern import (
     Discretization,
@@ -120,6 +121,7 @@ def drape_pattern(
     require_float64("drape_pattern")
     options = DrapeOptions() if options is None else options
     fabric = named_fabric(options.fabric)
+    drop_programs_when_many()
     progress("mesh", 0, 1)
     discretization = discretize(pattern, options.edge_length)
     rest = np.asarray(rest_positions(pattern_parameters(pattern), discretization))

@@ -15,8 +15,9 @@ _SAFE = 1000.0 * np.array(
     [[0.25, 1.0, 0.25], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], np.float64
 )
 
-# Smaller lists would be compiled for without being faster.
-_SMALLEST_CAPACITY = 8192
+# Smaller lists would be compiled for without being faster. Few sizes: as a cloth comes to rest, the
+# number of candidates runs through all of them.
+_SMALLEST_CAPACITY, _GROWTH = 8192, 4
 
 
 @pytree
@@ -48,7 +49,8 @@ def make_candidates(
 
     def padded(rows: np.ndarray) -> Array:
         rows = np.asarray(rows, np.int32).reshape(-1, 4)
-        return jnp.asarray(pad_columns(rows.T, bucket_size(len(rows), smallest=_SMALLEST_CAPACITY)))
+        capacity = bucket_size(len(rows), smallest=_SMALLEST_CAPACITY, growth=_GROWTH)
+        return jnp.asarray(pad_columns(rows.T, capacity))
 
     return Candidates(
         vertex_face=padded(vertex_face),

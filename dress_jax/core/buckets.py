@@ -3,15 +3,15 @@
 import numpy as np
 
 
-def bucket_size(count: int, *, smallest: int = 256) -> int:
+def bucket_size(count: int, *, smallest: int = 256, growth: int = 2) -> int:
     """The smallest allowed capacity that holds `count` entries.
 
-    Capacities double from `smallest`: padded lanes cost little next to a compilation, and a garment
-    meets only a handful of sizes.
+    Capacities grow from `smallest` by a factor: padded lanes cost little next to a compilation, and
+    a garment meets only a handful of sizes.
     """
     size = smallest
     while size < count:
-        size *= 2
+        size *= growth
     return size
 
 

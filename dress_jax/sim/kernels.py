@@ -252,7 +252,22 @@ def _pair_matrix(
     carrier: Callable[[Parameters, Cloth, Frame, Pairs], Any],
     add: Callable[[Values, PairBlocks, BlockSlots], Values],
 ) -> Callable[..., Values]:
-    """The compiled function that adds the blocks of one family of pairs to a matrix."""
+    """The function that adds the blocks of one family of pairs to a matrix.
+
+    Two programs: the XLA compiler for CPU would compute the stencils anew for each of the ninety
+    entries that are made of them, which takes twenty times as long.
+    """
+
+    def stencils(
+        positions: Float[Array, "n 3"],
+        parameters: Parameters,
+        cloth: Cloth,
+        frame: Frame,
+        pairs: Pairs,
+    ) -> PairBlocks:
+        return blocks(_everything(positions, parameters), carrier(parameters, cloth, frame, pairs))
+
+    stencils, add = jax.jit(stencils), jax.jit(add)
 
     def matrix(
         values: Values,
@@ -263,10 +278,9 @@ def _pair_matrix(
         pairs: Pairs,
         slots: BlockSlots,
     ) -> Values:
-        everything = _everything(positions, parameters)
-        return add(values, blocks(everything, carrier(parameters, cloth, frame, pairs)), slots)
+        return add(values, stencils(positions, parameters, cloth, frame, pairs), slots)
 
-    return jax.jit(matrix)
+    return matrix
 
 
 barrier_matrix = _pair_matrix(contact_blocks, _contact, _add_along)

@@ -21,6 +21,11 @@ from dress_jax.solver.linear import Factorization
 Positions = Float[np.ndarray, "n 3"]
 
 
+# Of candidates, relative to dhat: a wide margin serves many small steps, and makes each of them
+# look at many more pairs.
+_SMALLEST_MARGIN, _LARGEST_MARGIN = 0.02, 0.25
+
+
 class StepObjective:
     """Energy, derivatives and step bound of one implicit step with a body at rest.
 
@@ -36,7 +41,7 @@ class StepObjective:
         self._body = np.asarray(parameters.body_vertices)
         settings = simulator.settings
         self._reach = float(settings.dhat + settings.thickness)
-        self._margin = float(settings.dhat)
+        self._margin = 0.0
         self._candidates: Candidates | None = None
         self._seen = self._motion = np.zeros((0, 3))
         self._body_moved = True
@@ -50,6 +55,11 @@ class StepObjective:
         """Make the candidates valid for every state between start and end."""
         if self._candidates is not None and self._covers(start) and self._covers(end):
             return
+        self._seen, self._motion = start.copy(), end - start
+        # The next step is likely to be as long as this one.
+        length = float(np.sqrt(np.max(np.sum(self._motion**2, axis=1), initial=0.0)))
+        dhat = float(self.simulator.settings.dhat)
+        self._margin = min(max(length, _SMALLEST_MARGIN * dhat), _LARGEST_MARGIN * dhat)
         rows = find_candidates(
             self.simulator.broad_phase,
             np.concatenate([start, self._body]),
@@ -59,7 +69,6 @@ class StepObjective:
         )
         self._body_moved = False
         self._candidates = make_candidates(*rows)
-        self._seen, self._motion = start.copy(), end - start
 
     def _covers(self, x: Positions) -> bool:
         """Whether every vertex is within the margin of one common point of the motion seen."""

@@ -1,10 +1,11 @@
-"""Newton's method with a bounded backtracking line search; it knows no cloth.
+"""Newton's method with a bounded line search; it knows no cloth.
 
-The direction solves a projected (positive-definite) Hessian; once steps are small the exact
-Hessian takes over through conjugate gradients preconditioned by the projected one, which turns the
-linear convergence of the projection into a quadratic one. Where they meet negative curvature, as
-in a cloth that is about to buckle, the step follows it downhill: the projected Hessian would creep
-toward the saddle and leave it only after dozens of iterations.
+The direction solves a projected (positive-definite) Hessian. That is stiffer than the true one
+wherever the cloth is compressed, so its steps are too short, and twice the step is tried as well.
+Once steps are small the exact Hessian takes over through conjugate gradients preconditioned by the
+projected one, which turns the linear convergence of the projection into a quadratic one. Where they
+meet negative curvature, as in a cloth that is about to buckle, the step follows it downhill: the
+projected Hessian would creep toward the saddle and leave it only after dozens of iterations.
 """
 
 import dataclasses
@@ -61,7 +62,7 @@ class NewtonOptions:
     tolerance: float = 1e-5
     iteration_limit: int = 300
     longest_step: float = 0.05
-    exact_below: float = 2e-3
+    exact_below: float = 2e-4
 
 
 class NewtonProgress(NamedTuple):
@@ -71,7 +72,7 @@ class NewtonProgress(NamedTuple):
     energy: float
     step_size: float  # longest vertex displacement of the full step [m]
     step_length: float  # accepted fraction of the step
-    bound: float  # admissible fraction of the step
+    bound: float  # admissible fraction of the step, up to 2 where twice the step was looked at
     exact: bool  # whether the exact Hessian gave the direction
     positions: Positions
 
@@ -100,6 +101,7 @@ class NewtonSolution:
 
 
 _ARMIJO = 1e-4
+_STRETCH = 2.0  # how far beyond a step with the projected Hessian the search looks
 _SHORTEST_FRACTION = 1e-10
 # The inner conjugate gradients stop between these: loosely far away, tightly near the end.
 _LOOSEST, _TIGHTEST = 3e-2, 1e-5
@@ -155,33 +157,73 @@ def minimize(
         if size > options.longest_step:
             direction = direction * (options.longest_step / size)
             curvature *= (options.longest_step / size) ** 2
-        bound = objective.step_bound(x, direction)
+        # Only where the bound leaves room: the energy is asked nowhere beyond it.
+        stretch = 1.0 if exact or curvature < 0.0 else _STRETCH
+        stretch = min(stretch, options.longest_step / _longest(direction))
+        bound = stretch * objective.step_bound(x, stretch * direction)
         slope = float(np.vdot(gradient, direction))
         rounding = _ROUNDING * abs(energy)
-        fraction, trial = bound, None
+        fraction, trial = min(1.0, bound), None
         if abs(slope) + abs(curvature) <= _FAINT * abs(energy):
             # The energy can hardly tell a step from its own rounding, the gradient still can.
-            trial = objective.value_and_gradient(x + bound * direction)
+            trial = objective.value_and_gradient(x + fraction * direction)
             ratio = np.linalg.norm(trial[1]) / np.linalg.norm(gradient)
             if not (ratio < 0.5 and trial[0] <= energy + _NOISE * abs(energy)):
                 trial = trial if ratio < 1.0 and abs(slope) <= rounding else None
                 if trial is None and abs(slope) + abs(curvature) <= rounding:
                     return finish(Result.LINE_SEARCH_STALLED, iteration)
         if trial is None:
-            while True:
-                value = objective.value(x + fraction * direction)
-                promised = fraction * slope + 0.5 * fraction**2 * curvature
-                if value <= energy + _ARMIJO * promised + rounding:
-                    break
-                fraction *= 0.5
-                if fraction < _SHORTEST_FRACTION * bound:
-                    return finish(Result.LINE_SEARCH_STALLED, iteration)
+            found = _line_search(objective, x, direction, energy, slope, curvature, bound)
+            if found is None:
+                return finish(Result.LINE_SEARCH_STALLED, iteration)
+            fraction = found
             trial = objective.value_and_gradient(x + fraction * direction)
         x = x + fraction * direction
         energy, gradient = trial
         if progress is not None:
             progress(NewtonProgress(iteration + 1, energy, size, fraction, bound, exact, x))
     return finish(Result.ITERATION_LIMIT, options.iteration_limit)
+
+
+def _line_search(
+    objective: Objective,
+    x: Positions,
+    direction: Positions,
+    energy: float,
+    slope: float,
+    curvature: float,
+    bound: float,
+) -> float | None:
+    """The largest of the fractions min(1, bound), a half of it, a quarter ... with enough descent.
+
+    Where the first is enough and the bound is larger, the bound is taken if it is better.
+
+    Args:
+        energy, slope, curvature: at x along the direction [J].
+        bound: admissible fraction.
+
+    Returns:
+        The fraction, or None where there is no descent.
+    """
+    rounding = _ROUNDING * abs(energy)
+
+    def value_and_limit(fraction: float) -> tuple[float, float]:
+        promised = fraction * slope + 0.5 * fraction**2 * curvature
+        return objective.value(x + fraction * direction), energy + _ARMIJO * promised + rounding
+
+    first = min(1.0, bound)
+    fraction = first
+    value, limit = value_and_limit(fraction)
+    while not value <= limit:
+        fraction *= 0.5
+        if fraction < _SHORTEST_FRACTION * bound:
+            return None
+        value, limit = value_and_limit(fraction)
+    if fraction == first < bound:
+        further, limit = value_and_limit(bound)
+        if further < value and further <= limit:
+            return bound
+    return fraction
 
 
 class _Direction(NamedTuple):

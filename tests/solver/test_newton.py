@@ -13,7 +13,7 @@ FAR = NewtonOptions(tolerance=1e-9, longest_step=np.inf)
 
 
 class Quadratic:
-    """1/2 (x - t)^T A (x - t); counts its factorizations."""
+    """1/2 (x - t)^T A (x - t), with a wall at a part of the way to t; counts factorizations."""
 
     def __init__(self, *, bound: float = 1.0):
         self.bound, self.factorizations = bound, 0
@@ -34,7 +34,8 @@ class Quadratic:
         return (A @ direction.ravel()).reshape(direction.shape)
 
     def step_bound(self, positions, displacement):
-        return self.bound
+        reach = self.bound * np.linalg.norm(TARGET - positions)
+        return min(1.0, reach / np.linalg.norm(displacement))
 
 
 class Spheres:
@@ -104,7 +105,8 @@ def test_step_bound_is_respected():
     """No accepted fraction exceeds the bound, and each step shortens the way by it."""
     solution, steps = _run(Quadratic(bound=0.25), START, FAR)
     assert solution.result is Result.CONVERGED
-    assert all(step.bound == 0.25 and step.step_length <= 0.25 for step in steps)
+    np.testing.assert_allclose([step.bound for step in steps], 0.25, rtol=1e-12)
+    assert all(step.step_length <= 0.25 * (1.0 + 1e-12) for step in steps)
     expected = 0.75**solution.iterations * np.linalg.norm(TARGET, axis=1).max()
     assert np.linalg.norm(solution.positions - TARGET, axis=1).max() == pytest.approx(
         expected, rel=1e-3
@@ -131,6 +133,26 @@ def test_the_line_search_starts_at_the_bound():
             return Quadratic.value(self, positions), gradient
 
     assert _run(Fenced(), START, FAR)[0].result is Result.CONVERGED
+
+
+class Stiff(Quadratic):
+    """Its projected Hessian is twice as stiff as the true one."""
+
+    def factorize(self, positions):
+        return DenseFactorization(2.0 * A)
+
+
+def test_twice_a_short_step_is_taken():
+    options = NewtonOptions(tolerance=1e-9, longest_step=np.inf, exact_below=0.0)
+    solution, steps = _run(Stiff(bound=np.inf), START, options)
+    assert solution.result is Result.CONVERGED and solution.iterations == 1
+    assert steps[0].step_length == steps[0].bound == 2.0
+
+
+def test_twice_a_step_is_not_looked_at_beyond_the_bound():
+    options = NewtonOptions(tolerance=1e-9, longest_step=np.inf, exact_below=0.0)
+    _, steps = _run(Stiff(bound=0.6), START, options)
+    assert steps[0].step_length == steps[0].bound == pytest.approx(1.2, rel=1e-12)
 
 
 def test_no_vertex_moves_further_than_the_longest_step():
