@@ -21,7 +21,7 @@ from dress_jax.core.results import Result
 from dress_jax.energy.cloth import Parameters
 from dress_jax.energy.elastic import TimeStep
 from dress_jax.geometry.intersection import IntersectionCounts
-from dress_jax.sim.kernels import Frame
+from dress_jax.sim.kernels import make_frame
 from dress_jax.sim.objective import StepObjective
 from dress_jax.sim.simulator import Simulator
 from dress_jax.solver.conjugate_gradient import conjugate_gradient
@@ -123,11 +123,13 @@ def _solve(simulator, start, velocity, parameters, body_start, inverse_step):
     require_float64("the cloth simulator")
     check_concrete("the cloth simulator", start, velocity, parameters, body_start, inverse_step)
     _validate(simulator, start, velocity, parameters, body_start)
-    frame = Frame(
-        step=TimeStep(start, velocity, inverse_step),
-        body_start=body_start,
-        body_areas=simulator.body_areas,
-        settings=simulator.settings,
+    frame = make_frame(
+        parameters,
+        simulator.cloth,
+        TimeStep(start, velocity, inverse_step),
+        body_start,
+        simulator.body_areas,
+        simulator.settings,
     )
     objective = StepObjective(simulator, parameters, frame)
     x0 = np.asarray(start)
@@ -278,8 +280,8 @@ def mixed_product(
     Returns:
         Cotangents of the inputs.
     """
-    simulator, frame = objective.simulator, objective.frame
-    fixed = (adjoint, positions, simulator.cloth, frame.body_areas, frame.settings)
+    simulator = objective.simulator
+    fixed = (adjoint, positions, simulator.cloth, simulator.body_areas, simulator.settings)
     terms = objective.terms(objective.contacts(np.asarray(positions)))
     parts = [_mixed(term.energy, inputs, *fixed, *pairs) for term, pairs in terms]
     return jax.tree.map(lambda *leaves: -sum(leaves[1:], leaves[0]), *parts)
@@ -291,7 +293,8 @@ def _mixed(energy, inputs: Inputs, adjoint, positions, cloth, body_areas, settin
 
     def work(inputs: Inputs):
         start, velocity, parameters, body_start, inverse_step = inputs
-        frame = Frame(TimeStep(start, velocity, inverse_step), body_start, body_areas, settings)
+        step = TimeStep(start, velocity, inverse_step)
+        frame = make_frame(parameters, cloth, step, body_start, body_areas, settings)
 
         def along(x):
             return energy(x, parameters, cloth, frame, *pairs)

@@ -11,7 +11,7 @@ from dress_jax.contact.potential import CONTACT_PAIRS, PairKind, Pairs
 from dress_jax.core.buckets import bucket_size, pad_columns
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Cloth, Parameters
-from dress_jax.sim import kernels
+from dress_jax.sim import kernels, matrices
 from dress_jax.sim.kernels import Frame, Kernels
 from dress_jax.sim.simulator import Simulator
 from dress_jax.sim.sparsity import extended
@@ -163,7 +163,7 @@ class StepObjective:
         Raises:
             LinearSolveError: it is not positive definite or not finite.
         """
-        elastic, barrier, sliding = kernels.EXACT if exact else kernels.PROJECTED
+        elastic, barrier, sliding = matrices.EXACT if exact else matrices.PROJECTED
         families = [(barrier, pairs) for pairs in self.contacts(positions)]
         families += [(sliding, pairs) for pairs in self._sliding]
         slots = self._contact_slots([pairs for _, pairs in families], positions)
@@ -173,7 +173,7 @@ class StepObjective:
             positions, *self._fixed, simulator.slots, capacity=simulator.pattern.capacity
         )
         for (kernel, pairs), target in zip(families, slots, strict=True):
-            values = kernel(values, positions, *self._fixed, pairs, target)
+            values = kernel(values, positions, self.parameters, self.frame, pairs, target)
         return simulator.linear_solver.factorize(upper_triangle(simulator.pattern, values))
 
     def _contact_slots(self, families: list[Pairs], positions: Positions) -> list[BlockSlots]:

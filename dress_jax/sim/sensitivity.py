@@ -16,7 +16,7 @@ from dress_jax.core.precision import require_float64
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Parameters
 from dress_jax.energy.elastic import TimeStep
-from dress_jax.sim.kernels import Frame
+from dress_jax.sim.kernels import make_frame
 from dress_jax.sim.objective import StepObjective
 from dress_jax.sim.simulator import Simulator
 
@@ -53,7 +53,7 @@ def static_sensitivity(
     objective = _at_rest(simulator, parameters, positions)
     x = np.asarray(positions, np.float64)
     terms = objective.terms(objective.contacts(x))
-    fixed = (x, parameters, simulator.cloth, objective.frame)
+    fixed = (x, parameters, simulator.cloth, objective.frame, simulator.body_areas)
     parts = [_force_changes(term.energy, directions, *fixed, *pairs) for term, pairs in terms]
     change = np.sum([np.asarray(part) for part in parts], axis=0)
     factorization = objective.factorize(x, exact=True)
@@ -97,22 +97,27 @@ def _at_rest(
 ) -> StepObjective:
     """The objective of one step of 1 s that begins at rest at the positions."""
     start = jnp.asarray(positions, jnp.float64)
-    frame = Frame(
-        step=TimeStep(start, jnp.zeros_like(start), jnp.asarray(1.0)),
-        body_start=parameters.body_vertices,
-        body_areas=simulator.body_areas,
-        settings=simulator.settings,
+    frame = make_frame(
+        parameters,
+        simulator.cloth,
+        TimeStep(start, jnp.zeros_like(start), jnp.asarray(1.0)),
+        parameters.body_vertices,
+        simulator.body_areas,
+        simulator.settings,
     )
     return StepObjective(simulator, parameters, frame)
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _force_changes(energy, directions, positions, parameters, cloth, frame, *pairs):
+def _force_changes(energy, directions, positions, parameters, cloth, frame, body_areas, *pairs):
     """Changes of the gradient of one energy, (k, n, 3)."""
     base = {name: getattr(parameters, name) for name in directions}
 
     def gradient(varied):
-        return jax.grad(energy)(positions, replace(parameters, **varied), cloth, frame, *pairs)
+        changed = replace(parameters, **varied)
+        fixed = frame.step, frame.body_start, body_areas, frame.settings
+        own_frame = make_frame(changed, cloth, *fixed)
+        return jax.grad(energy)(positions, changed, cloth, own_frame, *pairs)
 
     def along(direction):
         return jax.jvp(gradient, (base,), (direction,))[1]

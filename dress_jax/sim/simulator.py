@@ -19,7 +19,7 @@ from dress_jax.energy.cloth import Cloth, Gravity, Parameters
 from dress_jax.energy.fabric import Fabric, make_parameters
 from dress_jax.energy.rest import vertex_areas
 from dress_jax.sim.clean_state import CleanState
-from dress_jax.sim.kernels import ElasticSlots
+from dress_jax.sim.matrices import ElasticSlots
 from dress_jax.sim.sparsity import elastic_slots
 from dress_jax.solver.block_matrix import BlockPattern
 from dress_jax.solver.linear import LinearSolver, make_solver

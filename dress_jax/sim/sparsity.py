@@ -10,7 +10,7 @@ import numpy as np
 from dress_jax.energy.bending import HINGE_PAIRS
 from dress_jax.energy.cloth import Cloth
 from dress_jax.energy.membrane import TRIANGLE_PAIRS
-from dress_jax.sim.kernels import ElasticSlots
+from dress_jax.sim.matrices import ElasticSlots
 from dress_jax.solver.block_matrix import (
     BlockPattern,
     block_pattern,

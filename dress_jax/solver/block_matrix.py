@@ -5,8 +5,10 @@ step from blocks to compressed rows is one precomputed gather.
 """
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
@@ -134,14 +136,29 @@ def empty_values(capacity: int) -> Values:
     return jnp.zeros((capacity, 9))
 
 
-def scatter_blocks(values: Values, blocks: Sequence[Sequence[Array]], slots: Array) -> Values:
-    """Add element blocks to the values with one scatter of whole rows.
+BlockRows = Float[Array, "entries 9"]
+
+
+def block_rows(blocks: Sequence[Sequence[Array]]) -> BlockRows:
+    """Element blocks as rows of nine entries, pair by pair.
 
     Args:
         blocks: 3x3 nested sequence of (pairs, m) arrays, already transposed where the slots say.
-        slots: slot of each pair, (pairs, m).
     """
-    rows = jnp.stack([blocks[i][j].ravel() for i in range(3) for j in range(3)], axis=1)
+    return jnp.stack([blocks[i][j].ravel() for i in range(3) for j in range(3)], axis=1)
+
+
+@functools.partial(jax.jit, donate_argnums=0)
+def add_rows(values: Values, rows: BlockRows, slots: Int[Array, "pairs m"]) -> Values:
+    """Add block rows to the values with one scatter.
+
+    A program of its own: fused with what computes the rows it would compute them one by one.
+
+    Args:
+        values: their memory is taken.
+        rows: see `block_rows`.
+        slots: slot of each pair.
+    """
     return values.at[slots.ravel()].add(rows)
 
 
@@ -164,14 +181,13 @@ def first_and_second(
     return jnp.where(swap, second, first), jnp.where(swap, first, second)
 
 
-def scatter_outer(
-    values: Values,
+def outer_rows(
     vectors: Float[Array, "k 3 m"],
     stiffness: Float[Array, " m"],
     pairs: Sequence[tuple[int, int]],
     target: BlockSlots,
-) -> Values:
-    """Add blocks s v_p v_q^T of rank-one element Hessians.
+) -> BlockRows:
+    """Block rows s v_p v_q^T of rank-one element Hessians.
 
     Args:
         vectors: v per stencil vertex.
@@ -179,8 +195,7 @@ def scatter_outer(
     """
     first, second = first_and_second(vectors, pairs, target)
     scaled = first * stiffness[None, None, :]
-    blocks = [[scaled[:, i] * second[:, j] for j in range(3)] for i in range(3)]
-    return scatter_blocks(values, blocks, target.slots)
+    return block_rows([[scaled[:, i] * second[:, j] for j in range(3)] for i in range(3)])
 
 
 def upper_triangle(pattern: BlockPattern, values: Values) -> scipy.sparse.csr_matrix:

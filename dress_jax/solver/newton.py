@@ -62,7 +62,7 @@ class NewtonOptions:
     tolerance: float = 1e-5
     iteration_limit: int = 300
     longest_step: float = 0.05
-    exact_below: float = 2e-4
+    exact_below: float = 1e-3
 
 
 class NewtonProgress(NamedTuple):
@@ -103,12 +103,13 @@ class NewtonSolution:
 _ARMIJO = 1e-4
 _STRETCH = 2.0  # how far beyond a step with the projected Hessian the search looks
 _SHORTEST_FRACTION = 1e-10
-# The inner conjugate gradients stop between these: loosely far away, tightly near the end.
-_LOOSEST, _TIGHTEST = 3e-2, 1e-5
+# The inner conjugate gradients stop between these: loosely far away, tightly near the end. In
+# between the tolerance is the step over a length [m]; that ties the order of convergence to it.
+_LOOSEST, _TIGHTEST, _LENGTH = 3e-2, 1e-5, 2e-3
 _EXACT_LIMIT = 40
-# Relative to the energy: its rounding in one term, in the sum of all terms, and the decrease below
-# which a step is judged by the gradient.
-_ROUNDING, _NOISE, _FAINT = 64.0 * np.finfo(float).eps, 1e-12, 1e-10
+# Relative to the energy: its rounding, and the change below which a step is judged by the gradient,
+# because the energy is a sum of terms that may be orders larger and cancel.
+_ROUNDING, _FAINT = 64.0 * np.finfo(float).eps, 1e-10
 
 
 def minimize(
@@ -168,7 +169,7 @@ def minimize(
             # The energy can hardly tell a step from its own rounding, the gradient still can.
             trial = objective.value_and_gradient(x + fraction * direction)
             ratio = np.linalg.norm(trial[1]) / np.linalg.norm(gradient)
-            if not (ratio < 0.5 and trial[0] <= energy + _NOISE * abs(energy)):
+            if not (ratio < 0.5 and trial[0] <= energy + _FAINT * abs(energy)):
                 trial = trial if ratio < 1.0 and abs(slope) <= rounding else None
                 if trial is None and abs(slope) + abs(curvature) <= rounding:
                     return finish(Result.LINE_SEARCH_STALLED, iteration)
@@ -256,7 +257,7 @@ def _direction(
     if not _longest(projected) < options.exact_below:
         return _Direction(projected, False, 0.0)
     operator = hessian_operator(objective, x)
-    nearness = _longest(projected) / options.exact_below
+    nearness = _longest(projected) / _LENGTH
     refined = conjugate_gradient(
         operator,
         -gradient.ravel(),

@@ -18,17 +18,18 @@ ADJOINT_TOLERANCE = 1e-5
 SHORT_STEP = 0.005
 
 # Differentiated leaf and the step of its finite difference, large against the noise of the solve
-# and small against the scale on which the drape bends.
+# and small against the scale on which the drape bends. The folds of this drape are soft: it moves
+# by up to 70 m per metre of the pattern.
 LEAVES = {
-    "rest_positions": 1e-6,
-    "density": 2e-5,
-    "stretching_stiffness": 1e-2,
-    "bending_stiffness": 1e-8,
-    "gravity": 1e-4,
-    "pin_targets": 1e-6,
-    "pin_stiffness": 1.0,
-    "body_vertices": 1e-6,
-    "barrier_stiffness": 1.0,
+    "rest_positions": 3e-7,
+    "density": 6e-6,
+    "stretching_stiffness": 3e-3,
+    "bending_stiffness": 3e-9,
+    "gravity": 3e-5,
+    "pin_targets": 3e-7,
+    "pin_stiffness": 0.3,
+    "body_vertices": 3e-7,
+    "barrier_stiffness": 0.3,
 }
 
 
@@ -98,12 +99,14 @@ def test_projected_hessian_gives_a_wrong_adjoint(drape, gradient):
     """S2.8: with the projected Hessian in place of the exact one the derivative is off."""
     from dress_jax.energy.elastic import TimeStep
     from dress_jax.sim.equilibrium import solve_adjoint
-    from dress_jax.sim.kernels import Frame
+    from dress_jax.sim.kernels import make_frame
     from dress_jax.sim.objective import StepObjective
 
     simulator, parameters, result, weights = drape
     still = jnp.zeros_like(result.positions)
-    frame = Frame(
+    frame = make_frame(
+        parameters,
+        simulator.cloth,
         TimeStep(result.positions, still, jnp.asarray(1.0)),
         parameters.body_vertices,
         simulator.body_areas,

@@ -3,13 +3,14 @@ import numpy as np
 import pytest
 
 from dress_jax.solver.block_matrix import (
+    add_rows,
     block_pattern,
+    block_rows,
     element_pairs,
     element_slots,
     empty_values,
     first_and_second,
-    scatter_blocks,
-    scatter_outer,
+    outer_rows,
     upper_triangle,
 )
 
@@ -61,7 +62,7 @@ def test_general_blocks_against_a_dense_assembly():
     turned = np.asarray(slots.transposed)[:, :, None, None]
     stacked = np.where(turned, stacked.transpose(0, 1, 3, 2), stacked)
     blocks = [[jnp.asarray(stacked[:, :, i, j]) for j in range(3)] for i in range(3)]
-    values = scatter_blocks(empty_values(pattern.capacity), blocks, slots.slots)
+    values = add_rows(empty_values(pattern.capacity), block_rows(blocks), slots.slots)
     expected = _dense(elements, matrices)
     np.testing.assert_allclose(_full(pattern, values), expected, rtol=0, atol=ROUNDING)
 
@@ -70,10 +71,10 @@ def test_rank_one_blocks_against_a_dense_assembly():
     elements, pattern, slots = _setup(seed=2)
     rng = np.random.default_rng(3)
     vectors, stiffness = rng.normal(size=(4, 3, elements.shape[1])), rng.uniform(size=12)
-    start = empty_values(pattern.capacity)
-    values = start
+    values = empty_values(pattern.capacity)
+    rows = outer_rows(jnp.asarray(vectors), jnp.asarray(stiffness), PAIRS, slots)
     for _ in range(2):  # values add up
-        values = scatter_outer(values, jnp.asarray(vectors), jnp.asarray(stiffness), PAIRS, slots)
+        values = add_rows(values, rows, slots.slots)
     matrices = np.einsum("m,pim,qjm->mpiqj", 2.0 * stiffness, vectors, vectors)
     np.testing.assert_allclose(
         _full(pattern, values), _dense(elements, matrices), rtol=0, atol=ROUNDING

@@ -13,6 +13,7 @@ from dress_jax.energy.cloth import make_cloth
 from dress_jax.energy.elastic import TimeStep
 from dress_jax.energy.fabric import Fabric, make_parameters
 from dress_jax.sim import kernels
+from dress_jax.sim.matrices import PROJECTED
 from dress_jax.sim.sparsity import elastic_slots, extended
 from dress_jax.solver.block_matrix import (
     element_pairs,
@@ -43,7 +44,7 @@ def scene():
         jnp.asarray(2.0),
     )
     settings = contact_settings(dhat=0.4, thickness=0.0, slip_speed=0.5)
-    frame = kernels.Frame(step, jnp.asarray(body), jnp.ones(3), settings)
+    frame = kernels.make_frame(parameters, cloth, step, jnp.asarray(body), jnp.ones(3), settings)
     return cloth, parameters, frame, jnp.asarray(positions)
 
 
@@ -57,9 +58,7 @@ def test_elastic_matrix_is_the_exact_hessian_of_a_flat_stretched_sheet(scene):
     cloth, parameters, frame, positions = scene
     flat = positions.at[:, 2].set(0.1)
     pattern, slots = elastic_slots(cloth)
-    values = kernels.elastic_matrix(
-        flat, parameters, cloth, frame, slots, capacity=pattern.capacity
-    )
+    values = PROJECTED.elastic(flat, parameters, cloth, frame, slots, capacity=pattern.capacity)
     eye = jnp.eye(18).reshape(18, 6, 3)
     exact = np.stack(
         [kernels.ELASTIC.product(flat, d, parameters, cloth, frame).ravel() for d in eye]
@@ -89,14 +88,8 @@ def test_contact_matrix_against_the_exact_hessian(scene):
     pairs = _pairs(BODY_PAIRS)
     pattern, _ = elastic_slots(cloth)
     slots = element_slots(pattern, np.asarray(pairs.indices), CONTACT_PAIRS)
-    values = kernels.barrier_matrix(
-        empty_values(pattern.capacity),
-        positions,
-        parameters,
-        cloth,
-        frame,
-        pairs,
-        slots,
+    values = PROJECTED.barrier(
+        empty_values(pattern.capacity), positions, parameters, frame, pairs, slots
     )
     eye = jnp.eye(18).reshape(18, 6, 3)
     arguments = (parameters, cloth, frame, pairs)
@@ -115,7 +108,9 @@ def test_friction_matrix_at_rest(scene):
     pattern, _ = elastic_slots(cloth)
     slots = element_slots(pattern, np.asarray(pairs.indices), CONTACT_PAIRS)
     arguments = (parameters, cloth, frame, pairs)
-    values = kernels.sliding_matrix(empty_values(pattern.capacity), start, *arguments, slots)
+    values = PROJECTED.sliding(
+        empty_values(pattern.capacity), start, parameters, frame, pairs, slots
+    )
     exact = np.stack(
         [
             kernels.SLIDING.product(start, d, *arguments).ravel()

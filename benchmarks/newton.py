@@ -1,0 +1,196 @@
+"""Where the time of a Newton iteration goes, on a T-shirt worn by the default body.
+
+    python benchmarks/newton.py [--vertices 2500 10000] [--linear-solver NAME] [--json times.json]
+
+Each size is dressed and draped once. Then its pattern is changed by 1 %, and the drape is solved
+again from where it was: once to compile, once to measure. Stages are timed apart, each until its
+result is there; what they take together is less than the solve, which is given beside them.
+`contacts` are the pairs closer than dhat at the end.
+"""
+
+import argparse
+import collections
+import dataclasses
+import json
+import platform
+import resource
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import jax.numpy as jnp  # noqa: E402
+import numpy as np  # noqa: E402
+
+from dress_jax.application.drape import DrapeOptions, DrapeResult, drape_pattern  # noqa: E402
+from dress_jax.application.tailor import template_measurements  # noqa: E402
+from dress_jax.application.wearer import find_wearer  # noqa: E402
+from dress_jax.body.model import named_shape  # noqa: E402
+from dress_jax.core.pytree import replace  # noqa: E402
+from dress_jax.energy.elastic import TimeStep  # noqa: E402
+from dress_jax.io.bodies import load_default_body  # noqa: E402
+from dress_jax.pattern import Pattern, discretize  # noqa: E402
+from dress_jax.pattern.templates import t_shirt  # noqa: E402
+from dress_jax.sim import equilibrium, kernels, objective, static_solve  # noqa: E402
+from dress_jax.solver import NewtonOptions, newton  # noqa: E402
+from dress_jax.solver.linear import make_solver  # noqa: E402
+
+CHANGE = 1.01
+STAGES = (
+    (objective, "find_candidates", "broad phase"),
+    (kernels, "find_active", "active set"),
+    (objective.StepObjective, "_contact_slots", "contact slots"),
+    (objective.StepObjective, "factorize", "blocks and assembly"),
+    (objective.StepObjective, "step_bound", "step bound"),
+    (objective.StepObjective, "value", "energy"),
+    (objective.StepObjective, "value_and_gradient", "gradient"),
+    (objective.StepObjective, "hessian_product", "Hessian products"),
+    (newton, "_direction", "conjugate gradients"),
+    (equilibrium, "_count_intersections", "exact test (once a solve)"),
+)
+
+
+class StageClock:
+    """Seconds per stage, without those of the stages inside of it."""
+
+    def __init__(self) -> None:
+        self.seconds = collections.defaultdict[str, float](float)
+        self._inner: list[float] = []
+
+    def timed(self, function: Callable[..., Any], stage: str) -> Callable[..., Any]:
+        """The function, timed."""
+
+        def call(*arguments: Any, **options: Any) -> Any:
+            start = time.perf_counter()
+            self._inner.append(0.0)
+            result = jax.block_until_ready(function(*arguments, **options))
+            taken = time.perf_counter() - start
+            self.seconds[stage] += taken - self._inner.pop()
+            if self._inner:
+                self._inner[-1] += taken
+            return result
+
+        return call
+
+
+class TimedSolver:
+    """A linear solver whose factorizations and solves are timed."""
+
+    def __init__(self, name: str, clock: StageClock):
+        solver = make_solver(name)
+        self.name, self._clock = solver.name, clock
+        self._factorize = clock.timed(solver.factorize, "factorization")
+
+    def factorize(self, upper):
+        """The factorization, which times its solves."""
+        return _TimedFactorization(self._factorize(upper), self._clock)
+
+
+class _TimedFactorization:
+    def __init__(self, factorization, clock: StageClock):
+        self.solve = clock.timed(factorization.solve, "back-substitution")
+
+
+def edge_length(pattern: Pattern, vertices: int) -> float:
+    """With which the pattern gets about so many vertices [m]."""
+    length = 0.02
+    for _ in range(3):
+        length *= (discretize(pattern, length).vertex_count / vertices) ** 0.5
+    return length
+
+
+def dressed(vertices: int) -> DrapeResult:
+    """The T-shirt, draped."""
+    model = load_default_body()
+    pattern = t_shirt(template_measurements(model, np.asarray(named_shape(model, "average"))))
+    options = DrapeOptions(edge_length=edge_length(pattern, vertices))
+    return drape_pattern(pattern, find_wearer("default", pose="a"), options=options)
+
+
+def measure(draped: DrapeResult, solver: str) -> dict[str, Any]:
+    """The solve after a change of the pattern."""
+    parameters = draped.parameters
+    changed = replace(parameters, rest_positions=CHANGE * parameters.rest_positions)
+    clock = StageClock()
+    replaced = [(owner, name, getattr(owner, name)) for owner, name, _ in STAGES]
+    for owner, name, stage in STAGES:
+        setattr(owner, name, clock.timed(getattr(owner, name), stage))
+    simulator = dataclasses.replace(
+        draped.simulator, linear_solver=TimedSolver(solver, clock), newton=NewtonOptions()
+    )
+    seconds = []
+    try:
+        for _ in range(2):
+            clock.seconds.clear()
+            start = time.perf_counter()
+            drape = static_solve(
+                dataclasses.replace(simulator), changed, jnp.asarray(draped.positions)
+            )
+            seconds.append(time.perf_counter() - start)
+    finally:
+        for owner, name, original in replaced:
+            setattr(owner, name, original)
+    report = drape.report
+    iterations = max(int(report.iterations), 1)
+    return {
+        "vertices": len(draped.positions),
+        "contacts": contacts(simulator, changed, drape.positions),
+        "converged": report.converged,
+        "newton_iterations": int(report.iterations),
+        "solve_seconds": seconds[1],
+        "first_seconds": seconds[0] - seconds[1],
+        "iteration_ms": 1e3 * seconds[1] / iterations,
+        "stages_ms": {stage: 1e3 * s / iterations for stage, s in clock.seconds.items()},
+        "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
+    }
+
+
+def contacts(simulator, parameters, positions) -> int:
+    """Number of pairs closer than dhat."""
+    still = jnp.zeros_like(positions)
+    frame = kernels.make_frame(
+        parameters,
+        simulator.cloth,
+        TimeStep(positions, still, jnp.asarray(1.0)),
+        parameters.body_vertices,
+        simulator.body_areas,
+        simulator.settings,
+    )
+    found = objective.StepObjective(simulator, parameters, frame).contacts(np.asarray(positions))
+    return sum(int(pairs.count) for pairs in found)
+
+
+def main() -> None:
+    """Print a table, and write it as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--vertices", type=int, nargs="+", default=[2500, 10000])
+    parser.add_argument("--linear-solver", default="auto")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    rows = []
+    for vertices in options.vertices:
+        start = time.perf_counter()
+        draped = dressed(vertices)
+        put_on = time.perf_counter() - start
+        row = {"dress_and_drape_seconds": put_on, **measure(draped, options.linear_solver)}
+        rows.append(row)
+        print(
+            f"\n{row['vertices']} vertices, {row['contacts']} contacts: "
+            f"{row['newton_iterations']} Newton iterations in {row['solve_seconds']:.2f} s"
+            f"{'' if row['converged'] else ' (not converged)'}, "
+            f"{row['iteration_ms']:.0f} ms each; the first {row['first_seconds']:.1f} s more; "
+            f"dressed and draped in {put_on:.0f} s; peak memory {row['peak_memory_mb']:.0f} MB"
+        )
+        for stage, ms in sorted(row["stages_ms"].items(), key=lambda item: -item[1]):
+            print(f"    {stage:28s} {ms:8.1f} ms an iteration", flush=True)
+    report = {"machine": platform.processor() or platform.machine(), "jax": jax.__version__}
+    if options.json is not None:
+        options.json.write_text(json.dumps({**report, "rows": rows}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
