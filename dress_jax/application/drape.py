@@ -30,6 +30,7 @@ from dress_jax.pattern import (
 )
 from dress_jax.render.shading import label_colors, preview
 from dress_jax.sim import Simulator, make_simulation, static_solve
+from dress_jax.sim.certificate import certify
 from dress_jax.sim.dressing import DressedGarment, DressingOptions, dress
 from dress_jax.sim.dressing.motion import follow_body
 from dress_jax.sim.equilibrium import Report
@@ -244,12 +245,22 @@ def drape_report(result: DrapeResult) -> dict[str, Any]:
         "converged": report.converged,
         "result": Result(int(report.result)).message,
         "residual": float(report.residual),
+        "certificate": _certificate(result),
         "newton_iterations": int(report.iterations),
         "energy": float(report.energy),
         "fittings": [dataclasses.asdict(fitting) for fitting in result.dressed.fittings],
         "pins": len(result.dressed.pin_targets),
         "settings": dict(draped_state(result).settings),
     }
+
+
+def _certificate(result: DrapeResult) -> dict[str, Any]:
+    """Whether the drape is an equilibrium and stable, or why that is not known."""
+    try:
+        found = certify(result.simulator, result.parameters, result.positions)
+    except RuntimeError as error:  # LinearSolveError among them
+        return {"unknown": str(error)}
+    return {**dataclasses.asdict(found), "stable": found.stable}
 
 
 def picture(state: DrapedState, *, size: int = 512) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from dress_jax.contact.broad_phase import find_candidates
 from dress_jax.contact.candidates import Candidates, make_candidates
@@ -10,9 +10,10 @@ from dress_jax.contact.ccd import step_bound
 from dress_jax.contact.potential import CONTACT_PAIRS, PairKind, Pairs
 from dress_jax.core.buckets import bucket_size, pad_columns
 from dress_jax.core.pytree import replace
-from dress_jax.energy.cloth import Cloth, Parameters
+from dress_jax.energy.cloth import Cloth, Parameters, vertex_masses
+from dress_jax.energy.elastic import TimeStep
 from dress_jax.sim import kernels, matrices
-from dress_jax.sim.kernels import Frame, Kernels
+from dress_jax.sim.kernels import Frame, Kernels, make_frame
 from dress_jax.sim.simulator import Simulator
 from dress_jax.sim.sparsity import extended
 from dress_jax.solver.block_matrix import BlockSlots, element_pairs, upper_triangle
@@ -48,6 +49,11 @@ class StepObjective:
         self._contacts: list[Pairs] | None = None
         self._contacts_at = np.zeros((0, 3))
         self._sliding = self._find_friction() if simulator.friction else []
+
+    @property
+    def masses(self) -> Float[np.ndarray, " n"]:
+        """Of the vertices [kg]."""
+        return np.asarray(vertex_masses(self.parameters, self._cloth))
 
     # Candidates
 
@@ -157,8 +163,13 @@ class StepObjective:
         ]
         return np.asarray(sum(parts))
 
-    def factorize(self, positions: Positions, *, exact: bool = False) -> Factorization:
+    def factorize(
+        self, positions: Positions, *, exact: bool = False, shift: float = 0.0
+    ) -> Factorization:
         """The Hessian, projected to positive definite or exact, factorized.
+
+        Args:
+            shift: [1/s^2]; that many times the masses are added to it.
 
         Raises:
             LinearSolveError: it is not positive definite or not finite.
@@ -174,7 +185,11 @@ class StepObjective:
         )
         for (kernel, pairs), target in zip(families, slots, strict=True):
             values = kernel(values, positions, self.parameters, self.frame, pairs, target)
-        return simulator.linear_solver.factorize(upper_triangle(simulator.pattern, values))
+        upper = upper_triangle(simulator.pattern, values)
+        if shift:
+            # The first entry of a row of the upper triangle is the diagonal.
+            upper.data[upper.indptr[:-1]] += shift * np.repeat(self.masses, 3)
+        return simulator.linear_solver.factorize(upper)
 
     def _contact_slots(self, families: list[Pairs], positions: Positions) -> list[BlockSlots]:
         """Slots of contact pairs; extends the pattern where it lacks a block."""
@@ -223,6 +238,22 @@ class StepObjective:
                 min_distance=self.simulator.settings.thickness,
             )
         )
+
+
+def resting_objective(
+    simulator: Simulator, parameters: Parameters, positions: Positions | Float[Array, "n 3"]
+) -> StepObjective:
+    """The objective of one step of 1 s that begins at rest at the positions [m]."""
+    start = jnp.asarray(positions, jnp.float64)
+    frame = make_frame(
+        parameters,
+        simulator.cloth,
+        TimeStep(start, jnp.zeros_like(start), jnp.asarray(1.0)),
+        parameters.body_vertices,
+        simulator.body_areas,
+        simulator.settings,
+    )
+    return StepObjective(simulator, parameters, frame)
 
 
 def _padded(indices: np.ndarray, kind: PairKind) -> Pairs:

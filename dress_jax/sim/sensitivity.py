@@ -8,16 +8,14 @@ import functools
 from collections.abc import Mapping
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from dress_jax.core.precision import require_float64
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Parameters
-from dress_jax.energy.elastic import TimeStep
 from dress_jax.sim.kernels import make_frame
-from dress_jax.sim.objective import StepObjective
+from dress_jax.sim.objective import resting_objective
 from dress_jax.sim.simulator import Simulator
 
 _BATCH = 16  # directions that are differentiated together
@@ -50,7 +48,7 @@ def static_sensitivity(
             minimum and has no derivative.
     """
     require_float64("static_sensitivity")
-    objective = _at_rest(simulator, parameters, positions)
+    objective = resting_objective(simulator, parameters, positions)
     x = np.asarray(positions, np.float64)
     terms = objective.terms(objective.contacts(x))
     fixed = (x, parameters, simulator.cloth, objective.frame, simulator.body_areas)
@@ -81,7 +79,7 @@ def predicted_start(
     Returns:
         An intersection-free state [m].
     """
-    objective = _at_rest(simulator, parameters, positions)
+    objective = resting_objective(simulator, parameters, positions)
     fraction = objective.step_bound(positions, displacement)
     energy = objective.value(positions)
     for _ in range(_HALVINGS):
@@ -90,22 +88,6 @@ def predicted_start(
             return predicted
         fraction *= 0.5
     return positions
-
-
-def _at_rest(
-    simulator: Simulator, parameters: Parameters, positions: Float[np.ndarray, "n 3"]
-) -> StepObjective:
-    """The objective of one step of 1 s that begins at rest at the positions."""
-    start = jnp.asarray(positions, jnp.float64)
-    frame = make_frame(
-        parameters,
-        simulator.cloth,
-        TimeStep(start, jnp.zeros_like(start), jnp.asarray(1.0)),
-        parameters.body_vertices,
-        simulator.body_areas,
-        simulator.settings,
-    )
-    return StepObjective(simulator, parameters, frame)
 
 
 @functools.partial(jax.jit, static_argnums=0)

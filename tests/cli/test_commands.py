@@ -34,6 +34,7 @@ REPORT_KEYS = {
     "min_distance_m",
     "converged",
     "residual",
+    "certificate",
     "newton_iterations",
     "max_strain",
     "median_strain",
@@ -62,6 +63,10 @@ def test_the_report_holds_what_it_must(draped):
     assert (report["panels"], report["seams"]) == (2, 4)
     assert report["max_seam_gap_m"] == 0.0
     assert 0.0 < report["min_distance_m"] < 0.05
+    certificate = report["certificate"]
+    assert certificate["stable"] is (certificate["smallest_eigenvalue"] > 0.0)
+    # A few grams of cloth weigh far more than what is out of balance on any vertex.
+    assert 0.0 <= certificate["residual"] < 1e-3
     assert 0.0 < report["median_strain"] < LARGEST_MEDIAN_STRAIN
     assert report["median_strain"] <= report["strain_p99"] <= report["max_strain"]
     assert set(report["seconds"]) == {"compile", "run"}
