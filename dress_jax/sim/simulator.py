@@ -26,6 +26,7 @@ from dress_jax.solver.linear import LinearSolver, make_solver
 from dress_jax.solver.newton import NewtonOptions, NewtonProgress
 
 _THICKNESS_SHARE = 0.25  # of the smallest height of a rest triangle
+_REACH_SHARE = 0.5  # dhat over the median edge of the rest shape, at most
 
 
 @dataclasses.dataclass(eq=False)
@@ -151,7 +152,8 @@ def make_simulation(
 ) -> tuple[Simulator, Parameters]:
     """A simulator without friction, and parameters of one fabric, for the same cloth and body.
 
-    The contact model's thickness is reduced where the rest shape has triangles too small for it.
+    The contact model's lengths are reduced where the rest shape has edges or triangles too small
+    for them.
 
     Args:
         cloth: topology of the garment.
@@ -191,11 +193,21 @@ def _fine_enough(
     rest_positions: Float[np.ndarray, "p 2"],
     rest_faces: Int[np.ndarray, "f 3"],
 ) -> ContactSettings:
-    """The settings, with a thickness below what the smallest rest triangle can keep."""
-    settings = contact_settings() if settings is None else settings
+    """The settings, fit for the mesh.
+
+    Without wishes, dhat is at most half of the median edge: primitives that are no neighbours are
+    about an edge apart, and a barrier between them would turn a fine cloth into a board. The
+    thickness is below what the smallest rest triangle can keep.
+    """
     corners = np.asarray(rest_positions)[rest_faces]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    if settings is None:
+        settings = contact_settings()
+        share = min(1.0, _REACH_SHARE * float(np.median(edges)) / float(settings.dhat))
+        settings = replace(
+            settings, dhat=share * settings.dhat, thickness=share * settings.thickness
+        )
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    heights = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / longest
+    heights = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / edges.max(axis=1)
     thickness = min(float(settings.thickness), _THICKNESS_SHARE * float(heights.min()))
     return replace(settings, thickness=jnp.asarray(thickness, jnp.float64))
