@@ -140,10 +140,12 @@ class StepObjective:
 
     def value(self, positions: Positions) -> float:
         """The energy [J]."""
-        return sum(
-            float(term.value(positions, *self._fixed, *pairs))
+        # All terms are on their way before the first is waited for; likewise below.
+        values = [
+            term.value(positions, *self._fixed, *pairs)
             for term, pairs in self.terms(self.pairs(positions))
-        )
+        ]
+        return sum(float(value) for value in values)
 
     def value_and_gradient(self, positions: Positions) -> tuple[float, Positions]:
         """The energy [J] and its gradient [N]."""
@@ -158,10 +160,10 @@ class StepObjective:
     def hessian_product(self, positions: Positions, direction: Positions) -> Positions:
         """The exact Hessian times a direction [N]."""
         parts = [
-            np.asarray(term.product(positions, direction, *self._fixed, *pairs))
+            term.product(positions, direction, *self._fixed, *pairs)
             for term, pairs in self.terms(self.contacts(positions))
         ]
-        return np.asarray(sum(parts))
+        return np.asarray(sum(np.asarray(part) for part in parts))
 
     def factorize(
         self, positions: Positions, *, exact: bool = False, shift: float = 0.0
