@@ -35,6 +35,7 @@ from dress_jax.sim.dressing import DressedGarment, DressingOptions, dress
 from dress_jax.sim.dressing.motion import follow_body
 from dress_jax.sim.equilibrium import Report
 from dress_jax.solver import NewtonOptions
+from dress_jax.solver.linear import LinearSolveError
 
 EDGE_LENGTH = 0.015
 SMALLEST_EDGE_LENGTH, LARGEST_EDGE_LENGTH = 0.002, 0.2
@@ -258,7 +259,7 @@ def _certificate(result: DrapeResult) -> dict[str, Any]:
     """Whether the drape is an equilibrium and stable, or why that is not known."""
     try:
         found = certify(result.simulator, result.parameters, result.positions)
-    except RuntimeError as error:  # LinearSolveError among them
+    except LinearSolveError as error:
         return {"unknown": str(error)}
     return {**dataclasses.asdict(found), "stable": found.stable}
 

@@ -1,9 +1,9 @@
 """Compiled programs that a process no longer needs.
 
-Every program that XLA compiles for the CPU holds about fifty memory maps until it is dropped. A
+Every program that XLA compiles for the CPU holds dozens of memory maps until it is dropped. A
 Linux process may have 65,530 of them (vm.max_map_count); beyond, the compiler crashes. Garments of
 different sizes need programs of their own, so a process that drapes one after the other would get
-there after a dozen.
+there.
 """
 
 from pathlib import Path

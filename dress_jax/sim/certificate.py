@@ -51,8 +51,8 @@ def certify(
         positions: the drape [m].
 
     Raises:
-        RuntimeError: double precision is off, or the Lanczos iterations do not converge.
-        LinearSolveError: the Hessian is not finite.
+        RuntimeError: double precision is off.
+        LinearSolveError: the Hessian is not finite, or the Lanczos iterations do not converge.
     """
     require_float64("certify")
     x = np.asarray(positions, np.float64)
@@ -73,7 +73,7 @@ def certify(
             return_eigenvectors=False,
         )
     except scipy.sparse.linalg.ArpackNoConvergence as error:
-        raise RuntimeError("the smallest eigenvalue of the drape was not found") from error
+        raise LinearSolveError("the smallest eigenvalue of the drape was not found") from error
     return Certificate(residual, float(1.0 / largest[0]) - shift - _INERTIA)
 
 

@@ -2,8 +2,7 @@
 
 Assembled in pieces that are compiled apart: stencils, entries of blocks, and their sum into the
 matrix. In one program XLA on CPU would compute a stencil anew for each of the ninety entries that
-are made of it, and an entry inside of the loop that adds it, which takes five to twenty times as
-long.
+are made of it, and an entry inside of the loop that adds it.
 """
 
 import functools

@@ -215,7 +215,7 @@ class StepObjective:
         ]
 
     def _near_pairs(self, positions: Positions) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Blocks of the pairs within twice the reach of the barrier."""
+        """Blocks of the candidates within twice the reach of the barrier."""
         settings = self.simulator.settings
         wide = replace(self.frame, settings=replace(settings, dhat=2.0 * settings.dhat))
         found = []

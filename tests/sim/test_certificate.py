@@ -10,6 +10,7 @@ from dress_jax.energy.fabric import make_parameters
 from dress_jax.sim import static_solve
 from dress_jax.sim.certificate import certify
 from dress_jax.sim.objective import resting_objective
+from dress_jax.solver.linear import LinearSolveError
 from tests.sim.scenes import SOFT, draped_sheet
 
 EIGENVALUE = 1e-5  # of the Lanczos iterations, relative to the shift
@@ -65,3 +66,10 @@ def test_the_residual_is_the_largest_force(scene):
     objective = resting_objective(simulator, lifted, flat)
     weight = objective.masses.max() * float(np.linalg.norm(np.asarray(lifted.gravity)))
     assert certify(simulator, lifted, flat).residual == pytest.approx(weight, rel=1e-9)
+
+
+def test_a_hessian_that_is_not_finite_has_no_certificate(scene):
+    simulator, parameters, start = scene
+    endless = replace(parameters, bending_stiffness=jnp.asarray(np.inf))
+    with pytest.raises(LinearSolveError):
+        certify(simulator, endless, start)
