@@ -31,7 +31,6 @@ from dress_jax.application.tailor import template_measurements  # noqa: E402
 from dress_jax.application.wearer import find_wearer  # noqa: E402
 from dress_jax.body.model import named_shape  # noqa: E402
 from dress_jax.core.pytree import replace  # noqa: E402
-from dress_jax.energy.elastic import TimeStep  # noqa: E402
 from dress_jax.io.bodies import load_default_body  # noqa: E402
 from dress_jax.pattern import Pattern, discretize  # noqa: E402
 from dress_jax.pattern.templates import t_shirt  # noqa: E402
@@ -151,17 +150,8 @@ def measure(draped: DrapeResult, solver: str) -> dict[str, Any]:
 
 def contacts(simulator, parameters, positions) -> int:
     """Number of pairs closer than dhat."""
-    still = jnp.zeros_like(positions)
-    frame = kernels.make_frame(
-        parameters,
-        simulator.cloth,
-        TimeStep(positions, still, jnp.asarray(1.0)),
-        parameters.body_vertices,
-        simulator.body_areas,
-        simulator.settings,
-    )
-    found = objective.StepObjective(simulator, parameters, frame).contacts(np.asarray(positions))
-    return sum(int(pairs.count) for pairs in found)
+    found = objective.resting_objective(simulator, parameters, positions)
+    return sum(int(pairs.count) for pairs in found.contacts(np.asarray(positions)))
 
 
 def main() -> None:

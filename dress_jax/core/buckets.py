@@ -3,7 +3,7 @@
 import numpy as np
 
 
-def bucket_size(count: int, *, smallest: int = 256, growth: int = 2) -> int:
+def bucket_size(count: int, *, smallest: int = 256, growth: float = 2) -> int:
     """The smallest allowed capacity that holds `count` entries.
 
     Capacities grow from `smallest` by a factor: padded lanes cost little next to a compilation, and
@@ -11,7 +11,7 @@ def bucket_size(count: int, *, smallest: int = 256, growth: int = 2) -> int:
     """
     size = smallest
     while size < count:
-        size *= growth
+        size = int(np.ceil(size * growth))
     return size
 
 

@@ -123,15 +123,8 @@ def _solve(simulator, start, velocity, parameters, body_start, inverse_step):
     require_float64("the cloth simulator")
     check_concrete("the cloth simulator", start, velocity, parameters, body_start, inverse_step)
     _validate(simulator, start, velocity, parameters, body_start)
-    frame = make_frame(
-        parameters,
-        simulator.cloth,
-        TimeStep(start, velocity, inverse_step),
-        body_start,
-        simulator.body_areas,
-        simulator.settings,
-    )
-    objective = StepObjective(simulator, parameters, frame)
+    step = TimeStep(start, velocity, inverse_step)
+    objective = StepObjective(simulator, parameters, step, body_start)
     x0 = np.asarray(start)
     _check_start(x0, objective)
     solution = minimize(objective, x0, simulator.newton, progress=simulator.progress)
@@ -281,10 +274,29 @@ def mixed_product(
         Cotangents of the inputs.
     """
     simulator = objective.simulator
-    fixed = (adjoint, positions, simulator.cloth, simulator.body_areas, simulator.settings)
-    terms = objective.terms(objective.contacts(np.asarray(positions)))
-    parts = [_mixed(term.energy, inputs, *fixed, *pairs) for term, pairs in terms]
-    return jax.tree.map(lambda *leaves: -sum(leaves[1:], leaves[0]), *parts)
+    padding = simulator.padding
+    start, velocity, parameters, body_start, inverse_step = inputs
+    step = padding.step(TimeStep(start, velocity, inverse_step))
+    padded = (
+        step.start,
+        step.velocity,
+        padding.parameters(parameters),
+        padding.body(np.asarray(body_start)),
+        inverse_step,
+    )
+    x = np.asarray(positions)
+    fixed = (
+        padding.vectors(np.asarray(adjoint)),
+        padding.positions(x),
+        padding.cloth,
+        padding.body(np.asarray(simulator.body_areas)),
+        simulator.settings,
+    )
+    terms = objective.terms(objective.contacts(x))
+    parts = [_mixed(term.energy, padded, *fixed, *pairs) for term, pairs in terms]
+    found = jax.tree.map(lambda *leaves: -sum(leaves[1:], leaves[0]), *parts)
+    n, b = len(x), len(body_start)
+    return found[0][:n], found[1][:n], padding.cut(found[2], parameters), found[3][:b], found[4]
 
 
 @functools.partial(jax.jit, static_argnums=0)

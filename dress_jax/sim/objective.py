@@ -34,11 +34,18 @@ class StepObjective:
     margin of where it was seen; a state outside of it is never evaluated.
     """
 
-    def __init__(self, simulator: Simulator, parameters: Parameters, frame: Frame):
+    def __init__(
+        self,
+        simulator: Simulator,
+        parameters: Parameters,
+        step: TimeStep,
+        body_start: Float[Array, "b 3"],
+    ):
         self.simulator = simulator
-        self._cloth = simulator.cloth
         self.parameters = parameters
-        self.frame = frame
+        self._padding = simulator.padding
+        self._padded = self._padding.parameters(parameters)
+        self.frame = padded_frame(simulator, self._padded, step, body_start)
         self._body = np.asarray(parameters.body_vertices)
         settings = simulator.settings
         self._reach = float(settings.dhat + settings.thickness)
@@ -48,12 +55,14 @@ class StepObjective:
         self._body_moved = True
         self._contacts: list[Pairs] | None = None
         self._contacts_at = np.zeros((0, 3))
-        self._sliding = self._find_friction() if simulator.friction else []
+        self._sliding = []
+        if simulator.friction:
+            self._sliding = self._find_friction(np.asarray(step.start), np.asarray(body_start))
 
     @property
     def masses(self) -> Float[np.ndarray, " n"]:
         """Of the vertices [kg]."""
-        return np.asarray(vertex_masses(self.parameters, self._cloth))
+        return np.asarray(vertex_masses(self.parameters, self.simulator.cloth))
 
     # Candidates
 
@@ -74,7 +83,7 @@ class StepObjective:
             body_moved=self._body_moved,
         )
         self._body_moved = False
-        self._candidates = make_candidates(*rows)
+        self._candidates = make_candidates(*(self._padding.indices(part) for part in rows))
 
     def _covers(self, x: Positions) -> bool:
         """Whether every vertex is within the margin of one common point of the motion seen."""
@@ -100,19 +109,19 @@ class StepObjective:
         if self._contacts is None or not np.array_equal(self._contacts_at, positions):
             found = []
             for pairs in self.pairs(positions):
-                mask, _ = kernels.find_active(positions, self.parameters, self.frame, pairs)
+                mask, _ = self._active(positions, pairs)
                 active = np.nonzero(np.asarray(mask))[0]
                 found.append(_padded(np.asarray(pairs.indices)[:, active], pairs.kind))
             self._contacts, self._contacts_at = found, positions.copy()
         return self._contacts
 
-    def _find_friction(self) -> list[Pairs]:
+    def _find_friction(self, start: Positions, body_start: Float[np.ndarray, "b 3"]) -> list[Pairs]:
         """Pairs in contact at the start of the step, with the body where it was."""
-        body, self._body = self._body, np.asarray(self.frame.body_start)
-        parameters = self.parameters
-        self.parameters = replace(parameters, body_vertices=self.frame.body_start)
-        active = self.contacts(np.asarray(self.frame.step.start))
-        self.parameters, self._body = parameters, body
+        at_end = self._body, self._padded
+        self._body = body_start
+        self._padded = replace(self._padded, body_vertices=self.frame.body_start)
+        active = self.contacts(start)
+        self._body, self._padded = at_end
         self._candidates, self._contacts, self._body_moved = None, None, True
         return active
 
@@ -120,7 +129,7 @@ class StepObjective:
         """Smallest distance of all candidate pairs [m]; infinite where there are none."""
         smallest = np.inf
         for pairs in self.pairs(positions):
-            _, squared = kernels.find_active(positions, self.parameters, self.frame, pairs)
+            _, squared = self._active(positions, pairs)
             smallest = min(smallest, float(squared))
         return float(np.sqrt(smallest))
 
@@ -136,34 +145,40 @@ class StepObjective:
 
     @property
     def _fixed(self) -> tuple[Parameters, Cloth, Frame]:
-        return self.parameters, self._cloth, self.frame
+        return self._padded, self._padding.cloth, self.frame
+
+    def _active(self, positions: Positions, pairs: Pairs) -> tuple[Array, Array]:
+        x = self._padding.positions(positions)
+        return kernels.find_active(x, self._padded, self.frame, pairs)
 
     def value(self, positions: Positions) -> float:
         """The energy [J]."""
+        x = self._padding.positions(positions)
         # All terms are on their way before the first is waited for; likewise below.
         values = [
-            term.value(positions, *self._fixed, *pairs)
-            for term, pairs in self.terms(self.pairs(positions))
+            term.value(x, *self._fixed, *pairs) for term, pairs in self.terms(self.pairs(positions))
         ]
         return sum(float(value) for value in values)
 
     def value_and_gradient(self, positions: Positions) -> tuple[float, Positions]:
         """The energy [J] and its gradient [N]."""
+        x = self._padding.positions(positions)
         results = [
-            term.gradient(positions, *self._fixed, *pairs)
+            term.gradient(x, *self._fixed, *pairs)
             for term, pairs in self.terms(self.contacts(positions))
         ]
         total = sum(float(value) for value, _ in results)
         gradient = sum(np.asarray(part) for _, part in results)
-        return total, np.asarray(gradient)
+        return total, np.asarray(gradient)[: len(positions)]
 
     def hessian_product(self, positions: Positions, direction: Positions) -> Positions:
         """The exact Hessian times a direction [N]."""
+        x, along = self._padding.positions(positions), self._padding.vectors(direction)
         parts = [
-            term.product(positions, direction, *self._fixed, *pairs)
+            term.product(x, along, *self._fixed, *pairs)
             for term, pairs in self.terms(self.contacts(positions))
         ]
-        return np.asarray(sum(np.asarray(part) for part in parts))
+        return np.asarray(sum(np.asarray(part) for part in parts))[: len(positions)]
 
     def factorize(
         self, positions: Positions, *, exact: bool = False, shift: float = 0.0
@@ -181,12 +196,10 @@ class StepObjective:
         families += [(sliding, pairs) for pairs in self._sliding]
         slots = self._contact_slots([pairs for _, pairs in families], positions)
 
-        simulator = self.simulator
-        values = elastic(
-            positions, *self._fixed, simulator.slots, capacity=simulator.pattern.capacity
-        )
+        simulator, x = self.simulator, self._padding.positions(positions)
+        values = elastic(x, *self._fixed, simulator.slots, capacity=simulator.pattern.capacity)
         for (kernel, pairs), target in zip(families, slots, strict=True):
-            values = kernel(values, positions, self.parameters, self.frame, pairs, target)
+            values = kernel(values, x, self._padded, self.frame, pairs, target)
         upper = upper_triangle(simulator.pattern, values)
         if shift:
             # The first entry of a row of the upper triangle is the diagonal.
@@ -206,7 +219,7 @@ class StepObjective:
         if not all(complete for _, _, complete in found):
             # With room for pairs that are about to touch: every new pattern is analysed anew.
             simulator.pattern, simulator.slots = extended(
-                simulator.cloth, simulator.pattern, wanted + self._near_pairs(positions)
+                self._padding.cloth, simulator.pattern, wanted + self._near_pairs(positions)
             )
             found = [simulator.pattern.find(first, second) for first, second in wanted]
         return [
@@ -220,7 +233,8 @@ class StepObjective:
         wide = replace(self.frame, settings=replace(settings, dhat=2.0 * settings.dhat))
         found = []
         for pairs in self.pairs(positions):
-            mask, _ = kernels.find_active(positions, self.parameters, wide, pairs)
+            x = self._padding.positions(positions)
+            mask, _ = kernels.find_active(x, self._padded, wide, pairs)
             near = np.nonzero(np.asarray(mask))[0]
             found.append(element_pairs(np.asarray(pairs.indices)[:, near], CONTACT_PAIRS))
         return found
@@ -231,11 +245,12 @@ class StepObjective:
         """How far along the displacement no pair touches, in (0, 1] (S1.11)."""
         self._cover(positions, positions + displacement)
         assert self._candidates is not None
-        still = np.zeros_like(self._body)
+        padding = self._padding
+        body = padding.body(self._body)
         return float(
             step_bound(
-                jnp.asarray(np.concatenate([positions, self._body])),
-                jnp.asarray(np.concatenate([displacement, still])),
+                jnp.asarray(np.concatenate([padding.positions(positions), body])),
+                jnp.asarray(np.concatenate([padding.vectors(displacement), np.zeros_like(body)])),
                 self._candidates,
                 min_distance=self.simulator.settings.thickness,
             )
@@ -247,15 +262,31 @@ def resting_objective(
 ) -> StepObjective:
     """The objective of one step of 1 s that begins at rest at the positions [m]."""
     start = jnp.asarray(positions, jnp.float64)
-    frame = make_frame(
-        parameters,
-        simulator.cloth,
-        TimeStep(start, jnp.zeros_like(start), jnp.asarray(1.0)),
-        parameters.body_vertices,
-        simulator.body_areas,
+    step = TimeStep(start, jnp.zeros_like(start), jnp.asarray(1.0))
+    return StepObjective(simulator, parameters, step, parameters.body_vertices)
+
+
+def padded_frame(
+    simulator: Simulator,
+    padded: Parameters,
+    step: TimeStep,
+    body_start: Float[Array, "b 3"],
+) -> Frame:
+    """The frame of a step, of padded arrays.
+
+    Args:
+        padded: padded parameters.
+        step, body_start: of true sizes.
+    """
+    padding = simulator.padding
+    return make_frame(
+        padded,
+        padding.cloth,
+        padding.step(step),
+        jnp.asarray(padding.body(np.asarray(body_start))),
+        jnp.asarray(padding.body(np.asarray(simulator.body_areas))),
         simulator.settings,
     )
-    return StepObjective(simulator, parameters, frame)
 
 
 def _padded(indices: np.ndarray, kind: PairKind) -> Pairs:

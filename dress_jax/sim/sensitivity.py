@@ -51,9 +51,17 @@ def static_sensitivity(
     objective = resting_objective(simulator, parameters, positions)
     x = np.asarray(positions, np.float64)
     terms = objective.terms(objective.contacts(x))
-    fixed = (x, parameters, simulator.cloth, objective.frame, simulator.body_areas)
-    parts = [_force_changes(term.energy, directions, *fixed, *pairs) for term, pairs in terms]
-    change = np.sum([np.asarray(part) for part in parts], axis=0)
+    padding = simulator.padding
+    padded = {name: padding.directions(name, rows) for name, rows in directions.items()}
+    fixed = (
+        padding.positions(x),
+        padding.parameters(parameters),
+        padding.cloth,
+        objective.frame,
+        padding.body(np.asarray(simulator.body_areas)),
+    )
+    parts = [_force_changes(term.energy, padded, *fixed, *pairs) for term, pairs in terms]
+    change = np.sum([np.asarray(part) for part in parts], axis=0)[:, : len(x)]
     factorization = objective.factorize(x, exact=True)
     return -factorization.solve(change.reshape(len(change), -1).T).reshape(*x.shape, -1)
 

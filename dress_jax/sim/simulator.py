@@ -20,6 +20,7 @@ from dress_jax.energy.fabric import Fabric, make_parameters
 from dress_jax.energy.rest import vertex_areas
 from dress_jax.sim.clean_state import CleanState
 from dress_jax.sim.matrices import ElasticSlots
+from dress_jax.sim.padding import Padding, make_padding
 from dress_jax.sim.sparsity import elastic_slots
 from dress_jax.solver.block_matrix import BlockPattern
 from dress_jax.solver.linear import LinearSolver, make_solver
@@ -41,6 +42,7 @@ class Simulator:
         newton: stopping rule.
         friction: whether friction acts (off in an optimisation, S9.9).
         linear_solver: factorizes the projected Hessians.
+        padding: the cloth as compiled programs see it.
         pattern, slots: sparsity of the current matrices; grows with self-contact.
         broad_phase: box trees.
         weld_map: vertices that are one, or about to become one, share a number.
@@ -55,6 +57,7 @@ class Simulator:
     newton: NewtonOptions
     friction: bool
     linear_solver: LinearSolver
+    padding: Padding
     pattern: BlockPattern
     slots: ElasticSlots
     broad_phase: BroadPhase
@@ -120,7 +123,8 @@ def make_simulator(
         weld_map = np.asarray(weld_map)
         weld = np.concatenate([weld_map, weld_map.max() + 1 + np.arange(len(body))])
     mesh = make_collision_mesh(np.asarray(cloth.faces).T, n, triangles, len(body), weld_ids=weld)
-    pattern, slots = elastic_slots(cloth)
+    padding = make_padding(cloth, len(body))
+    pattern, slots = elastic_slots(cloth.vertex_count, padding.cloth)
     return Simulator(
         cloth=cloth,
         body_faces=np.asarray(triangles, np.int32),
@@ -129,6 +133,7 @@ def make_simulator(
         newton=NewtonOptions() if newton is None else newton,
         friction=friction,
         linear_solver=make_solver(linear_solver),
+        padding=padding,
         pattern=pattern,
         slots=slots,
         broad_phase=make_broad_phase(mesh, np.concatenate([positions, body])),

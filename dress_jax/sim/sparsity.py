@@ -31,6 +31,7 @@ def _elastic_pairs(cloth: Cloth) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def _slots(cloth: Cloth, pattern: BlockPattern) -> ElasticSlots:
+    # Vertices beyond the pattern's are padding, and as little part of the matrix as the body.
     vertices = np.arange(cloth.vertex_count, dtype=np.int32)
     diagonal, _, _ = pattern.find(vertices, vertices)
     return ElasticSlots(
@@ -42,9 +43,14 @@ def _slots(cloth: Cloth, pattern: BlockPattern) -> ElasticSlots:
     )
 
 
-def elastic_slots(cloth: Cloth) -> tuple[BlockPattern, ElasticSlots]:
-    """The pattern of elasticity alone, and the slots of its elements."""
-    pattern = block_pattern(cloth.vertex_count, _elastic_pairs(cloth))
+def elastic_slots(size: int, cloth: Cloth) -> tuple[BlockPattern, ElasticSlots]:
+    """The pattern of elasticity alone, and the slots of its elements.
+
+    Args:
+        size: number of vertices that move.
+        cloth: with these vertices first; others (padding) get no place in the matrix.
+    """
+    pattern = block_pattern(size, _elastic_pairs(cloth))
     return pattern, _slots(cloth, pattern)
 
 
@@ -56,10 +62,9 @@ def extended(
     Blocks of past contacts are kept while they are few, so that contacts that come and go do not
     change the pattern (and with it the symbolic factorization) at every iteration.
     """
-    needed = block_pattern(cloth.vertex_count, [*_elastic_pairs(cloth), *contacts])
-    past = block_pattern(
-        cloth.vertex_count, [*_elastic_pairs(cloth), *contacts, (current.rows, current.cols)]
-    )
+    size = current.size
+    needed = block_pattern(size, [*_elastic_pairs(cloth), *contacts])
+    past = block_pattern(size, [*_elastic_pairs(cloth), *contacts, (current.rows, current.cols)])
     keep = len(past.rows) <= (1.0 + _EXTRA_SHARE) * len(needed.rows)
     pattern = past if keep else needed
     return pattern, _slots(cloth, pattern)

@@ -97,22 +97,11 @@ def test_start_carries_no_derivative(drape):
 
 def test_projected_hessian_gives_a_wrong_adjoint(drape, gradient):
     """S2.8: with the projected Hessian in place of the exact one the derivative is off."""
-    from dress_jax.energy.elastic import TimeStep
     from dress_jax.sim.equilibrium import solve_adjoint
-    from dress_jax.sim.kernels import make_frame
-    from dress_jax.sim.objective import StepObjective
+    from dress_jax.sim.objective import resting_objective
 
     simulator, parameters, result, weights = drape
-    still = jnp.zeros_like(result.positions)
-    frame = make_frame(
-        parameters,
-        simulator.cloth,
-        TimeStep(result.positions, still, jnp.asarray(1.0)),
-        parameters.body_vertices,
-        simulator.body_areas,
-        simulator.settings,
-    )
-    objective = StepObjective(simulator, parameters, frame)
+    objective = resting_objective(simulator, parameters, result.positions)
     x = np.asarray(result.positions)
     factorization = objective.factorize(x)
     exact = solve_adjoint(objective, x, np.asarray(weights), factorization)

@@ -11,7 +11,6 @@ from dress_jax.core.pytree import replace
 from dress_jax.energy.elastic import TimeStep
 from dress_jax.energy.fabric import make_parameters
 from dress_jax.sim import static_solve
-from dress_jax.sim.kernels import make_frame
 from dress_jax.sim.objective import StepObjective
 from dress_jax.sim.sensitivity import predicted_start, static_sensitivity
 from dress_jax.solver.linear import LinearSolveError, make_solver
@@ -50,15 +49,8 @@ def drape():
 
 
 def _objective(simulator, parameters, positions, *, velocity=0.0, body_shift=0.0):
-    frame = make_frame(
-        parameters,
-        simulator.cloth,
-        TimeStep(positions, jnp.full_like(positions, velocity), jnp.asarray(2.0)),
-        parameters.body_vertices + body_shift,
-        simulator.body_areas,
-        simulator.settings,
-    )
-    return StepObjective(simulator, parameters, frame)
+    step = TimeStep(positions, jnp.full_like(positions, velocity), jnp.asarray(2.0))
+    return StepObjective(simulator, parameters, step, parameters.body_vertices + body_shift)
 
 
 @pytest.mark.parametrize("friction", [False, True])

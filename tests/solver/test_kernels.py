@@ -57,7 +57,7 @@ def test_elastic_matrix_is_the_exact_hessian_of_a_flat_stretched_sheet(scene):
     """Flat, so bending has no second part; stretched, so nothing is projected."""
     cloth, parameters, frame, positions = scene
     flat = positions.at[:, 2].set(0.1)
-    pattern, slots = elastic_slots(cloth)
+    pattern, slots = elastic_slots(cloth.vertex_count, cloth)
     values = PROJECTED.elastic(flat, parameters, cloth, frame, slots, capacity=pattern.capacity)
     eye = jnp.eye(18).reshape(18, 6, 3)
     exact = np.stack(
@@ -86,7 +86,7 @@ def test_contact_matrix_against_the_exact_hessian(scene):
     """
     cloth, parameters, frame, positions = scene
     pairs = _pairs(BODY_PAIRS)
-    pattern, _ = elastic_slots(cloth)
+    pattern, _ = elastic_slots(cloth.vertex_count, cloth)
     slots = element_slots(pattern, np.asarray(pairs.indices), CONTACT_PAIRS)
     values = PROJECTED.barrier(
         empty_values(pattern.capacity), positions, parameters, frame, pairs, slots
@@ -105,7 +105,7 @@ def test_friction_matrix_at_rest(scene):
     cloth, parameters, frame, _ = scene
     pairs = _pairs(BODY_PAIRS)
     start = frame.step.start
-    pattern, _ = elastic_slots(cloth)
+    pattern, _ = elastic_slots(cloth.vertex_count, cloth)
     slots = element_slots(pattern, np.asarray(pairs.indices), CONTACT_PAIRS)
     arguments = (parameters, cloth, frame, pairs)
     values = PROJECTED.sliding(
@@ -125,7 +125,7 @@ def test_friction_matrix_at_rest(scene):
 
 def test_self_contact_extends_the_pattern(scene):
     cloth, _, _, _ = scene
-    pattern, _ = elastic_slots(cloth)
+    pattern, _ = elastic_slots(cloth.vertex_count, cloth)
     wanted = element_pairs(np.array(SELF_PAIRS).T, CONTACT_PAIRS)
     assert not pattern.find(*wanted)[2]
     larger, slots = extended(cloth, pattern, [wanted])

@@ -1,0 +1,102 @@
+"""Shape buckets: what is padded changes nothing, and garments of similar size share programs."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from dress_jax.core.errors import InputError
+from dress_jax.core.pytree import replace
+from dress_jax.energy.elastic import TimeStep
+from dress_jax.energy.fabric import make_parameters
+from dress_jax.sim import kernels, make_cloth, make_simulator, matrices, static_solve
+from dress_jax.sim.objective import resting_objective
+from dress_jax.sim.padding import make_padding
+from tests.sim.scenes import SOFT, ball, draped_sheet, level, sheet
+
+
+def _parameters(cloth, rest, body, pins):
+    return make_parameters(cloth, SOFT, rest, body_vertices=body, pin_targets=pins)
+
+
+def test_padded_elements_have_neither_energy_nor_force():
+    """Against the energies of the same arrays without padding."""
+    cloth, simulator, rest, start, body = draped_sheet()
+    parameters = _parameters(cloth, rest, body, start[np.asarray(cloth.pins)])
+    parameters = replace(parameters, gravity=jnp.zeros(3))  # what is padded has a weight
+    x = start + 0.002 * np.cos(np.arange(start.size)).reshape(start.shape)
+    objective = resting_objective(simulator, parameters, start)
+    padding = simulator.padding
+    assert padding.padded.faces > padding.true.faces + 2
+    frame = kernels.make_frame(
+        parameters,
+        cloth,
+        TimeStep(jnp.asarray(start), jnp.zeros_like(jnp.asarray(start)), jnp.asarray(1.0)),
+        parameters.body_vertices,
+        simulator.body_areas,
+        simulator.settings,
+    )
+    expected, force = kernels.ELASTIC.gradient(x, parameters, cloth, frame)
+    value, gradient = kernels.ELASTIC.gradient(
+        padding.positions(x), padding.parameters(parameters), padding.cloth, objective.frame
+    )
+    assert float(value) == pytest.approx(float(expected), rel=1e-12)
+    n = len(x)
+    assert np.allclose(np.asarray(gradient)[:n], np.asarray(force), rtol=0, atol=1e-12)
+    assert not np.any(np.asarray(gradient)[n:])
+
+
+def test_per_triangle_values_are_padded_and_cut():
+    cloth, simulator, rest, start, body = draped_sheet()
+    parameters = _parameters(cloth, rest, body, start[np.asarray(cloth.pins)])
+    densities = jnp.linspace(0.1, 0.3, cloth.faces.shape[1])
+    varied = replace(parameters, density=densities)
+    padding = simulator.padding
+    padded = padding.parameters(varied)
+    assert padded.density.shape == (padding.padded.faces,)
+    assert padded.stretching_stiffness.shape == ()
+    cut = padding.cut(padded, varied)
+    assert np.array_equal(np.asarray(cut.density), np.asarray(densities))
+    assert np.array_equal(np.asarray(cut.rest_positions), rest)
+    with pytest.raises(InputError, match="density has 3 rows"):
+        padding.parameters(replace(parameters, density=jnp.ones(3)))
+
+
+def test_similar_garments_share_a_bucket():
+    sizes = {
+        make_padding(make_cloth(sheet(count, 0.3)[1]), bodies).padded
+        for count, bodies in ((30, 1000), (31, 1010), (32, 1020))
+    }
+    assert len(sizes) == 1
+    for count in (5, 12, 40, 90):
+        padding = make_padding(make_cloth(sheet(count, 0.3)[1]), 2000)
+        assert padding.padded.faces <= max(1.25 * padding.true.faces, 128)
+
+
+def test_another_garment_of_similar_size_compiles_nothing():
+    """Neither the solve nor its pieces are traced again."""
+    body, body_faces = ball(0.08)
+
+    def drape(count: int):
+        rest, faces = sheet(count, 0.3)
+        cloth = make_cloth(faces, pins=np.array([0, count - 1]))
+        start = level(rest, 0.085)
+        simulator = make_simulator(cloth, start, body_vertices=body, body_faces=body_faces)
+        parameters = _parameters(cloth, rest, body, start[np.asarray(cloth.pins)])
+        assert static_solve(simulator, parameters, start).report.intersection_free
+
+    programs = [
+        kernels.ELASTIC.value,
+        kernels.ELASTIC.gradient,
+        kernels.ELASTIC.product,
+        kernels.BARRIER.value,
+        kernels.BARRIER.gradient,
+        kernels.BARRIER.product,
+        kernels.find_active,
+        matrices._elastic_stencils,
+        matrices._projected_entries,
+    ]
+    drape(16)
+    before = [program._cache_size() for program in programs]
+    assert all(before)
+    drape(15)
+    assert [program._cache_size() for program in programs] == before
