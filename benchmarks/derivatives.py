@@ -40,7 +40,7 @@ import trimesh
 
 from dress_jax.core.pytree import replace
 from dress_jax.energy.fabric import named_fabric
-from dress_jax.sim import Parameters, Simulator, equilibrium, make_cloth, make_simulation
+from dress_jax.sim import Parameters, Simulator, adjoint, make_cloth, make_simulation
 from dress_jax.sim.sensitivity import static_sensitivity
 from dress_jax.sim.solve import static_solve
 
@@ -87,14 +87,14 @@ class AdjointWatch:
 
     def __init__(self) -> None:
         self.iterations, self.seconds = 0, list[float]()
-        self._original = equilibrium.conjugate_gradient
+        self._original = adjoint.conjugate_gradient
 
     def __enter__(self) -> "AdjointWatch":
-        equilibrium.conjugate_gradient = self._counted
+        adjoint.conjugate_gradient = self._counted
         return self
 
     def __exit__(self, *_: object) -> None:
-        equilibrium.conjugate_gradient = self._original
+        adjoint.conjugate_gradient = self._original
 
     def _counted(self, *arguments: Any, **options: Any) -> Any:
         start = time.perf_counter()

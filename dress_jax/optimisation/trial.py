@@ -18,7 +18,7 @@ from dress_jax.optimisation.report import FitInfo, StepOutcome
 from dress_jax.optimisation.state import Unknowns, finite
 from dress_jax.pattern import rest_positions
 from dress_jax.sim import Simulator
-from dress_jax.sim.equilibrium import AdjointWarning
+from dress_jax.sim.adjoint import AdjointWarning
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,13 +1,7 @@
-"""One implicit step as a differentiable layer (S2.1-S2.11).
+"""The forward solve of one implicit step (S2.1-S2.3): Newton's method on the incremental potential.
 
-Forward: Newton's method on the incremental potential. Backward: one linear solve with the exact
-Hessian at the solution, by conjugate gradients preconditioned with the factorization that the
-forward solve kept, and one product with the mixed derivative, by autodiff of the gradient.
-Memory does not depend on the number of Newton iterations.
+Positions in, positions and a report out; `implicit` makes it a differentiable function.
 """
-
-import functools
-import warnings
 
 import jax
 import jax.numpy as jnp
@@ -18,17 +12,12 @@ from dress_jax.core.errors import InputError
 from dress_jax.core.precision import require_float64
 from dress_jax.core.pytree import pytree
 from dress_jax.core.results import Result
-from dress_jax.energy.cloth import Parameters
-from dress_jax.energy.elastic import TimeStep
 from dress_jax.geometry.intersection import IntersectionCounts
-from dress_jax.sim.kernels import make_frame
+from dress_jax.sim.adjoint import Linearization
+from dress_jax.sim.inputs import StepInputs
 from dress_jax.sim.objective import StepObjective
 from dress_jax.sim.simulator import Simulator
-from dress_jax.solver.conjugate_gradient import conjugate_gradient
-from dress_jax.solver.newton import hessian_operator, minimize
-
-_ADJOINT_TOLERANCE = 1e-10
-_ADJOINT_LIMIT = 300
+from dress_jax.solver.newton import minimize
 
 
 @pytree
@@ -65,67 +54,24 @@ class Report:
         return int(self.self_intersections) == 0 and int(self.body_intersections) == 0
 
 
-class AdjointWarning(UserWarning):
-    """A backward solve failed; the gradient is NaN."""
-
-
-class _Kept:
-    """A host object that rides along in the residuals of a custom derivative."""
-
-    def __init__(self, value: object):
-        self.value = value
-
-
-jax.tree_util.register_pytree_node(_Kept, lambda kept: ((), kept), lambda kept, _: kept)
-
-
-def check_concrete(caller: str, *trees: object) -> None:
-    """Raise where an argument is traced: the Newton loop runs on the host."""
-    for leaf in jax.tree.leaves(trees):
-        if isinstance(leaf, jax.core.Tracer):
-            raise TypeError(
-                f"{caller} runs its Newton loop on the host and cannot be traced by jit or vmap; "
-                "call it outside of jit (jax.grad and jax.vjp work), and jit what comes before "
-                "and after it"
-            )
-
-
-@functools.partial(jax.custom_vjp, nondiff_argnums=(0,))
-def advance(
-    simulator: Simulator,
-    start: Float[Array, "n 3"],
-    velocity: Float[Array, "n 3"],
-    parameters: Parameters,
-    body_start: Float[Array, "b 3"],
-    inverse_step: Float[Array, ""],
-) -> tuple[Float[Array, "n 3"], Report]:
-    """Positions at the end of one implicit step, and how the solve went.
+def solve_step(
+    simulator: Simulator, inputs: StepInputs
+) -> tuple[Float[Array, "n 3"], Report, Linearization]:
+    """Positions at the end of one implicit step, how the solve went, and what derivatives need.
 
     Args:
         simulator: host object.
-        start: x^n [m], intersection-free with the body at `parameters.body_vertices`.
-        velocity: v^n [m/s].
-        parameters: all continuous parameters; `body_vertices` is the body at the end of the step.
-        body_start: the body at the start of the step, for friction [m].
-        inverse_step: 1/h [1/s]; zero leaves inertia out.
+        inputs: all concrete.
 
     Raises:
         RuntimeError: double precision is off.
-        TypeError: called under jit or vmap.
         InputError: arrays that do not fit the simulator or are not finite, or a start state closer
             than the thickness.
     """
-    positions, report, _ = _solve(simulator, start, velocity, parameters, body_start, inverse_step)
-    return positions, report
-
-
-def _solve(simulator, start, velocity, parameters, body_start, inverse_step):
     require_float64("the cloth simulator")
-    check_concrete("the cloth simulator", start, velocity, parameters, body_start, inverse_step)
-    _validate(simulator, start, velocity, parameters, body_start)
-    step = TimeStep(start, velocity, inverse_step)
-    objective = StepObjective(simulator, parameters, step, body_start)
-    x0 = np.asarray(start)
+    _validate(simulator, inputs)
+    objective = StepObjective(simulator, inputs)
+    x0 = np.asarray(inputs.step.start)
     _check_start(x0, objective)
     solution = minimize(objective, x0, simulator.newton, progress=simulator.progress)
     x = solution.positions
@@ -140,7 +86,7 @@ def _solve(simulator, start, velocity, parameters, body_start, inverse_step):
         self_intersections=jnp.asarray(crossings.self),
         body_intersections=jnp.asarray(crossings.body),
     )
-    return jnp.asarray(x), report, (objective, solution.factorization)
+    return jnp.asarray(x), report, Linearization(objective, x, solution.factorization)
 
 
 def _count_intersections(x, objective: StepObjective) -> IntersectionCounts:
@@ -175,142 +121,21 @@ def _check_start(x0, objective: StepObjective) -> None:
         )
 
 
-def _validate(simulator, start, velocity, parameters: Parameters, body_start) -> None:
+def _validate(simulator: Simulator, inputs: StepInputs) -> None:
+    parameters = inputs.parameters
     n, b = simulator.vertex_count, len(simulator.body_areas)
     expected = {
-        "start positions": (start, (n, 3)),
-        "start velocities": (velocity, (n, 3)),
+        "start positions": (inputs.step.start, (n, 3)),
+        "start velocities": (inputs.step.velocity, (n, 3)),
         "body vertices": (parameters.body_vertices, (b, 3)),
-        "body vertices at the start": (body_start, (b, 3)),
+        "body vertices at the start": (inputs.body_start, (b, 3)),
         "pin targets": (parameters.pin_targets, (len(simulator.cloth.pins), 3)),
     }
     for name, (array, shape) in expected.items():
         if array.shape != shape:
             raise InputError(f"{name} have shape {array.shape}, expected {shape}")
-    for path, leaf in jax.tree_util.tree_leaves_with_path((start, velocity, parameters)):
+    for path, leaf in jax.tree_util.tree_leaves_with_path(inputs):
         if not np.all(np.isfinite(np.asarray(leaf))):
             raise InputError(
                 "a number is not finite", where=f"simulation input {jax.tree_util.keystr(path)}"
             )
-
-
-def _forward(simulator, start, velocity, parameters, body_start, inverse_step):
-    positions, report, kept = _solve(
-        simulator, start, velocity, parameters, body_start, inverse_step
-    )
-    residuals = (positions, start, velocity, parameters, body_start, inverse_step, _Kept(kept))
-    return (positions, report), residuals
-
-
-def _backward(simulator, residuals, cotangents):
-    positions, start, velocity, parameters, body_start, inverse_step, kept = residuals
-    objective, factorization = kept.value
-    cotangent = np.asarray(cotangents[0])
-    adjoint = solve_adjoint(objective, np.asarray(positions), cotangent, factorization)
-    return mixed_product(
-        objective,
-        jnp.asarray(adjoint),
-        positions,
-        (start, velocity, parameters, body_start, inverse_step),
-    )
-
-
-advance.defvjp(_forward, _backward)
-
-
-def solve_adjoint(objective, positions, cotangent, factorization) -> np.ndarray:
-    """H^-1 times the cotangent with the exact Hessian (S2.5, S2.8).
-
-    Returns NaN, with a warning, where the solve fails: a derivative that does not exist must not
-    pass as a number.
-    """
-    if not np.any(cotangent):
-        return np.zeros_like(cotangent)
-    reason = "the forward solve kept no factorization"
-    if factorization is not None:
-        solved = conjugate_gradient(
-            hessian_operator(objective, positions),
-            np.asarray(cotangent, np.float64).ravel(),
-            factorization,
-            tolerance=_ADJOINT_TOLERANCE,
-            iteration_limit=_ADJOINT_LIMIT,
-        )
-        if solved.converged:
-            return solved.solution.reshape(positions.shape)
-        if solved.smallest_curvature <= 0.0:
-            reason = Result.INDEFINITE_HESSIAN.message
-        else:
-            reason = (
-                f"conjugate gradients reached a relative residual of "
-                f"{solved.relative_residual:.1e} in {solved.iterations} iterations"
-            )
-    warnings.warn(
-        f"the adjoint solve failed and the gradient is NaN: {reason}",
-        AdjointWarning,
-        stacklevel=2,
-    )
-    return np.full_like(cotangent, np.nan)
-
-
-Inputs = tuple[Array, Array, Parameters, Array, Array]
-
-
-def mixed_product(
-    objective: StepObjective,
-    adjoint: Float[Array, "n 3"],
-    positions: Float[Array, "n 3"],
-    inputs: Inputs,
-) -> Inputs:
-    """Minus the adjoint times the derivative of the gradient in every input (S2.7, S2.9).
-
-    Each energy is compiled apart, like the pieces of the forward solve.
-
-    Args:
-        adjoint: H^-1 times the cotangent.
-        positions: the solution.
-        inputs: start, velocity, parameters, body_start and inverse_step.
-
-    Returns:
-        Cotangents of the inputs.
-    """
-    simulator = objective.simulator
-    padding = simulator.padding
-    start, velocity, parameters, body_start, inverse_step = inputs
-    step = padding.step(TimeStep(start, velocity, inverse_step))
-    padded = (
-        step.start,
-        step.velocity,
-        padding.parameters(parameters),
-        padding.body(np.asarray(body_start)),
-        inverse_step,
-    )
-    x = np.asarray(positions)
-    fixed = (
-        padding.vectors(np.asarray(adjoint)),
-        padding.positions(x),
-        padding.cloth,
-        padding.body(np.asarray(simulator.body_areas)),
-        simulator.settings,
-    )
-    terms = objective.terms(objective.contacts(x))
-    parts = [_mixed(term.energy, padded, *fixed, *pairs) for term, pairs in terms]
-    found = jax.tree.map(lambda *leaves: -sum(leaves[1:], leaves[0]), *parts)
-    n, b = len(x), len(body_start)
-    return found[0][:n], found[1][:n], padding.cut(found[2], parameters), found[3][:b], found[4]
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _mixed(energy, inputs: Inputs, adjoint, positions, cloth, body_areas, settings, *pairs):
-    """Gradient in the inputs of the force along the adjoint."""
-
-    def work(inputs: Inputs):
-        start, velocity, parameters, body_start, inverse_step = inputs
-        step = TimeStep(start, velocity, inverse_step)
-        frame = make_frame(parameters, cloth, step, body_start, body_areas, settings)
-
-        def along(x):
-            return energy(x, parameters, cloth, frame, *pairs)
-
-        return jax.jvp(along, (positions,), (adjoint,))[1]
-
-    return jax.grad(work)(inputs)

@@ -13,6 +13,7 @@ from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Cloth, Parameters, vertex_masses
 from dress_jax.energy.elastic import TimeStep
 from dress_jax.sim import kernels, matrices
+from dress_jax.sim.inputs import StepInputs
 from dress_jax.sim.kernels import Frame, Kernels, make_frame
 from dress_jax.sim.simulator import Simulator
 from dress_jax.sim.sparsity import extended
@@ -34,19 +35,21 @@ class StepObjective:
     margin of where it was seen; a state outside of it is never evaluated.
     """
 
-    def __init__(
-        self,
-        simulator: Simulator,
-        parameters: Parameters,
-        step: TimeStep,
-        body_start: Float[Array, "b 3"],
-    ):
+    def __init__(self, simulator: Simulator, inputs: StepInputs):
         self.simulator = simulator
-        self.parameters = parameters
+        self.inputs = inputs
         self._padding = simulator.padding
-        self._padded = self._padding.parameters(parameters)
-        self.frame = padded_frame(simulator, self._padded, step, body_start)
-        self._body = np.asarray(parameters.body_vertices)
+        padded = self._padding.inputs(inputs)
+        self._padded = padded.parameters
+        self.frame = make_frame(
+            padded.parameters,
+            self._padding.cloth,
+            padded.step,
+            padded.body_start,
+            jnp.asarray(self._padding.body(np.asarray(simulator.body_areas))),
+            simulator.settings,
+        )
+        self._body = np.asarray(self.parameters.body_vertices)
         settings = simulator.settings
         self._reach = float(settings.dhat + settings.thickness)
         self._margin = 0.0
@@ -57,7 +60,12 @@ class StepObjective:
         self._contacts_at = np.zeros((0, 3))
         self._sliding = []
         if simulator.friction:
-            self._sliding = self._find_friction(np.asarray(step.start), np.asarray(body_start))
+            self._sliding = self._find_friction()
+
+    @property
+    def parameters(self) -> Parameters:
+        """Of the step."""
+        return self.inputs.parameters
 
     @property
     def masses(self) -> Float[np.ndarray, " n"]:
@@ -115,12 +123,12 @@ class StepObjective:
             self._contacts, self._contacts_at = found, positions.copy()
         return self._contacts
 
-    def _find_friction(self, start: Positions, body_start: Float[np.ndarray, "b 3"]) -> list[Pairs]:
+    def _find_friction(self) -> list[Pairs]:
         """Pairs in contact at the start of the step, with the body where it was."""
         at_end = self._body, self._padded
-        self._body = body_start
+        self._body = np.asarray(self.inputs.body_start)
         self._padded = replace(self._padded, body_vertices=self.frame.body_start)
-        active = self.contacts(start)
+        active = self.contacts(np.asarray(self.inputs.step.start))
         self._body, self._padded = at_end
         self._candidates, self._contacts, self._body_moved = None, None, True
         return active
@@ -263,30 +271,7 @@ def resting_objective(
     """The objective of one step of 1 s that begins at rest at the positions [m]."""
     start = jnp.asarray(positions, jnp.float64)
     step = TimeStep(start, jnp.zeros_like(start), jnp.asarray(1.0))
-    return StepObjective(simulator, parameters, step, parameters.body_vertices)
-
-
-def padded_frame(
-    simulator: Simulator,
-    padded: Parameters,
-    step: TimeStep,
-    body_start: Float[Array, "b 3"],
-) -> Frame:
-    """The frame of a step, of padded arrays.
-
-    Args:
-        padded: padded parameters.
-        step, body_start: of true sizes.
-    """
-    padding = simulator.padding
-    return make_frame(
-        padded,
-        padding.cloth,
-        padding.step(step),
-        jnp.asarray(padding.body(np.asarray(body_start))),
-        jnp.asarray(padding.body(np.asarray(simulator.body_areas))),
-        simulator.settings,
-    )
+    return StepObjective(simulator, StepInputs(step, parameters, parameters.body_vertices))
 
 
 def _padded(indices: np.ndarray, kind: PairKind) -> Pairs:

@@ -7,6 +7,7 @@ in and out of a solve) has the true sizes.
 """
 
 import dataclasses
+from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -17,6 +18,7 @@ from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Cloth, Parameters, make_cloth
 from dress_jax.energy.elastic import TimeStep
+from dress_jax.sim.inputs import StepInputs
 
 # Capacities grow in small steps: every program pays for what is padded.
 _GROWTH = 1.2
@@ -67,10 +69,7 @@ class Padding:
 
     def positions(self, x: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n_padded 3"]:
         """Positions of the cloth; the square is where it is at rest [m]."""
-        padded = _filled(x, self.padded.vertices)
-        n = self.true.vertices
-        padded[n : n + len(_SQUARE)] = _SQUARE
-        return padded
+        return _filled(x, self.padded.vertices, _SQUARE)
 
     def vectors(self, v: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n_padded 3"]:
         """Displacements, velocities or forces of the cloth; zero where padded."""
@@ -80,12 +79,37 @@ class Padding:
         """Something of the vertices of the body, zero where padded."""
         return _filled(x, self.padded.body_vertices)
 
-    def step(self, step: TimeStep) -> TimeStep:
-        """The state at the start of a time step."""
-        return TimeStep(
-            jnp.asarray(self.positions(np.asarray(step.start))),
-            jnp.asarray(self.vectors(np.asarray(step.velocity))),
-            step.inverse_step,
+    def inputs(self, inputs: StepInputs) -> StepInputs:
+        """Everything that a step of the padded cloth depends on."""
+        step = inputs.step
+        return StepInputs(
+            TimeStep(
+                jnp.asarray(self.positions(np.asarray(step.start))),
+                jnp.asarray(self.vectors(np.asarray(step.velocity))),
+                jnp.asarray(step.inverse_step),
+            ),
+            self.parameters(inputs.parameters),
+            jnp.asarray(self.body(np.asarray(inputs.body_start))),
+        )
+
+    def rates(self, rates: StepInputs) -> StepInputs:
+        """Changes of what a step depends on, zero where padded."""
+        step, parameters = rates.step, rates.parameters
+        changes = {
+            name: jnp.asarray(
+                _filled(np.asarray(getattr(parameters, name)), getattr(self.padded, counted))
+            )
+            for name, counted in _COUNTED.items()
+            if np.ndim(getattr(parameters, name))
+        }
+        return StepInputs(
+            TimeStep(
+                jnp.asarray(self.vectors(np.asarray(step.start))),
+                jnp.asarray(self.vectors(np.asarray(step.velocity))),
+                jnp.asarray(step.inverse_step),
+            ),
+            replace(parameters, **changes),
+            jnp.asarray(self.body(np.asarray(rates.body_start))),
         )
 
     def indices(self, rows: np.ndarray) -> np.ndarray:
@@ -95,48 +119,34 @@ class Padding:
 
     def parameters(self, parameters: Parameters) -> Parameters:
         """Parameters of the padded cloth."""
-        changes = {}
-        for name, counted in _COUNTED.items():
-            leaf = np.asarray(getattr(parameters, name))
-            if leaf.ndim:
-                changes[name] = jnp.asarray(self._padded_leaf(leaf, name, counted))
+        changes = {
+            name: jnp.asarray(
+                self._padded_leaf(np.asarray(getattr(parameters, name)), name, counted)
+            )
+            for name, counted in _COUNTED.items()
+            if np.ndim(getattr(parameters, name))
+        }
         return replace(parameters, **changes)
 
     def directions(
         self, name: str, directions: Float[Array, "k *leaf"]
     ) -> Float[np.ndarray, "k *padded"]:
         """Changes of one leaf of the parameters, zero where padded."""
-        directions = np.asarray(directions)
-        if name not in _COUNTED or directions.ndim == 1:
-            return directions
+        rows = np.asarray(directions)
+        if name not in _COUNTED or rows.ndim == 1:
+            return rows
         size = getattr(self.padded, _COUNTED[name])
-        return np.stack([_filled(direction, size) for direction in directions])
-
-    def cut(self, parameters: Parameters, like: Parameters) -> Parameters:
-        """The true part of something with the structure of padded parameters.
-
-        Args:
-            like: parameters of true sizes.
-        """
-        changes = {
-            name: getattr(parameters, name)[: len(getattr(like, name))]
-            for name in _COUNTED
-            if np.ndim(getattr(like, name))
-        }
-        return replace(parameters, **changes)
+        return np.stack([_filled(row, size) for row in rows])
 
     def _padded_leaf(self, leaf: np.ndarray, name: str, counted: str) -> np.ndarray:
-        size = getattr(self.padded, counted)
-        count = getattr(self.true, counted)
+        size, count = getattr(self.padded, counted), getattr(self.true, counted)
         if len(leaf) != count:
             what = counted.replace("_", " ")
             raise InputError(f"{name} has {len(leaf)} rows, the simulation has {count} {what}")
-        padded = _filled(leaf, size)
         if name == "rest_positions":
-            padded[count : count + len(_SQUARE)] = _SQUARE[:, :2]
-        elif leaf.ndim == 1:
-            padded[count:] = 1.0  # stiffnesses and densities, positive
-        return padded
+            return _filled(leaf, size, _SQUARE[:, :2])
+        # Stiffnesses and densities are positive.
+        return _filled(leaf, size, np.ones(size - count) if np.ndim(leaf) == 1 else ())
 
 
 def make_padding(cloth: Cloth, body_count: int) -> Padding:
@@ -177,10 +187,10 @@ def make_padding(cloth: Cloth, body_count: int) -> Padding:
 
     def extended(own: Array, others: Array, first: int, size: int) -> Array:
         """The cloth's columns, the square's, and the square's first as often as it takes."""
-        own, others = np.asarray(own), np.asarray(others) + first
-        missing = size - own.shape[-1] - others.shape[-1]
-        repeated = np.repeat(others[..., :1], missing, axis=-1)
-        return jnp.asarray(np.concatenate([own, others, repeated], axis=-1))
+        columns, more = np.asarray(own), np.asarray(others) + first
+        missing = size - columns.shape[-1] - more.shape[-1]
+        repeated = np.repeat(more[..., :1], missing, axis=-1)
+        return jnp.asarray(np.concatenate([columns, more, repeated], axis=-1))
 
     first = true.vertices
     pins = np.full(padded.pins - true.pins, first, np.int32)
@@ -202,9 +212,10 @@ def make_padding(cloth: Cloth, body_count: int) -> Padding:
     )
 
 
-def _filled(rows: np.ndarray, size: int) -> np.ndarray:
-    """Rows with zeros after them."""
-    rows = np.asarray(rows)
-    padded = np.zeros((size, *rows.shape[1:]), rows.dtype)
-    padded[: len(rows)] = rows
-    return padded
+def _filled(rows: np.ndarray, size: int, after: Sequence | np.ndarray = ()) -> np.ndarray:
+    """Rows, others after them, and zeros after those."""
+    filled = np.zeros((size, *rows.shape[1:]), rows.dtype)
+    filled[: len(rows)] = rows
+    if len(after):
+        filled[len(rows) : len(rows) + len(after)] = after
+    return filled

@@ -19,6 +19,7 @@ from dress_jax.energy.cloth import Cloth, Gravity, Parameters
 from dress_jax.energy.fabric import Fabric, make_parameters
 from dress_jax.energy.rest import vertex_areas
 from dress_jax.sim.clean_state import CleanState
+from dress_jax.sim.last_end import LastEnd
 from dress_jax.sim.matrices import ElasticSlots
 from dress_jax.sim.padding import Padding, make_padding
 from dress_jax.sim.sparsity import elastic_slots
@@ -48,6 +49,7 @@ class Simulator:
         weld_map: vertices that are one, or about to become one, share a number.
         progress: called after every Newton iteration.
         clean_state: the last state that the exact intersection test found clean.
+        last_end: the last step's end, for its derivatives.
     """
 
     cloth: Cloth
@@ -64,6 +66,7 @@ class Simulator:
     weld_map: Int[np.ndarray, " n"] | None = None
     progress: Callable[[NewtonProgress], None] | None = None
     clean_state: CleanState = dataclasses.field(default_factory=CleanState)
+    last_end: LastEnd = dataclasses.field(default_factory=LastEnd)
 
     @property
     def vertex_count(self) -> int:

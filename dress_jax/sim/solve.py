@@ -7,7 +7,10 @@ from jaxtyping import Array, Float
 from dress_jax.core.precision import as_float64, require_float64
 from dress_jax.core.pytree import pytree
 from dress_jax.energy.cloth import Parameters
-from dress_jax.sim.equilibrium import Report, advance
+from dress_jax.energy.elastic import TimeStep
+from dress_jax.sim.equilibrium import Report
+from dress_jax.sim.implicit import advance
+from dress_jax.sim.inputs import StepInputs
 from dress_jax.sim.simulator import Simulator
 
 
@@ -41,7 +44,8 @@ def static_solve(
 ) -> Drape:
     """Drape the cloth: one implicit step of 1 s from rest, or an equilibrium (S9.2, S9.3).
 
-    Differentiable in every leaf of `parameters` (reverse mode). The derivative in
+    Differentiable in every leaf of `parameters`: `jax.grad`, `jax.jvp` and products with second
+    derivatives by `jax.jvp` of `jax.grad`; `jax.vmap` solves one after the other. The derivative in
     `initial_positions` is zero by definition: locally, the equilibrium does not depend on where
     the search for it began (S9.4).
 
@@ -58,16 +62,13 @@ def static_solve(
     require_float64("static_solve")
     start = jax.lax.stop_gradient(as_float64(initial_positions))
     parameters = as_float64(parameters)
-    inverse = as_float64(0.0 if time_step is None else 1.0 / time_step)
-    outcome: tuple[Array, Report] = advance(  # type: ignore[assignment]
-        simulator,
-        start,
-        jnp.zeros_like(start),
-        parameters,
-        jax.lax.stop_gradient(parameters.body_vertices),
-        inverse,
+    inverse = jnp.asarray(0.0 if time_step is None else 1.0 / time_step, jnp.float64)
+    inputs = StepInputs(
+        step=TimeStep(start, jnp.zeros_like(start), inverse),
+        parameters=parameters,
+        body_start=jax.lax.stop_gradient(parameters.body_vertices),
     )
-    return Drape(*outcome)
+    return Drape(*advance(simulator, inputs))
 
 
 def step(
@@ -80,7 +81,7 @@ def step(
 ) -> tuple[State, Report]:
     """One backward Euler step (S1.2, S1.12, S2.3-S2.7).
 
-    Differentiable in the state and in every leaf of `parameters` (reverse mode).
+    Differentiable in the state and in every leaf of `parameters`, like `static_solve`.
 
     Args:
         simulator: host object made by `make_simulator`.
@@ -93,12 +94,10 @@ def step(
         x^(n+1), v^(n+1) = (x^(n+1) - x^n) / h, and the report.
     """
     require_float64("step")
-    inverse = as_float64(1.0 / time_step)
+    inverse = jnp.asarray(1.0 / time_step, jnp.float64)
     start, velocity = as_float64(state.positions), as_float64(state.velocities)
     parameters = as_float64(parameters)
     before = parameters.body_vertices if body_start is None else as_float64(body_start)
-    outcome: tuple[Array, Report] = advance(  # type: ignore[assignment]
-        simulator, start, velocity, parameters, before, inverse
-    )
-    positions, report = outcome
+    inputs = StepInputs(TimeStep(start, velocity, inverse), parameters, before)
+    positions, report = advance(simulator, inputs)
     return State(positions, (positions - start) * inverse), report

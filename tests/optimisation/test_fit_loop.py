@@ -21,7 +21,7 @@ from dress_jax.optimisation import (
     step,
 )
 from dress_jax.optimisation.trial import select_views
-from dress_jax.sim import equilibrium
+from dress_jax.sim import adjoint
 
 
 def test_recovery(problem, state, truth):
@@ -100,11 +100,11 @@ def test_unfinished_drape_rolls_back(problem, state):
 def test_failed_adjoint_rolls_back(problem, state, monkeypatch):
     calls = []
 
-    def fail(objective, positions, cotangent, factorization):
+    def fail(objective, positions, right, preconditioner):
         calls.append(objective)
-        return np.full_like(cotangent, np.nan)
+        return np.full_like(right, np.nan)
 
-    monkeypatch.setattr(equilibrium, "solve_adjoint", fail)
+    monkeypatch.setattr(adjoint, "solve_exact", fail)
     _rejected(with_options(problem, polish=1), state, StepOutcome.ADJOINT_FAILED)
     assert len(calls) == 2
 

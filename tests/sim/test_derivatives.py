@@ -8,7 +8,7 @@ import pytest
 from dress_jax.core.pytree import replace
 from dress_jax.energy.fabric import make_parameters
 from dress_jax.sim import State, static_solve, step
-from dress_jax.sim.equilibrium import AdjointWarning
+from dress_jax.sim.adjoint import AdjointWarning, solve_exact
 from tests.sim.scenes import SOFT, draped_sheet
 
 # Fourth-order differences of a solve converged to 1e-12 m: the noise of the solve over the step.
@@ -97,14 +97,13 @@ def test_start_carries_no_derivative(drape):
 
 def test_projected_hessian_gives_a_wrong_adjoint(drape, gradient):
     """S2.8: with the projected Hessian in place of the exact one the derivative is off."""
-    from dress_jax.sim.equilibrium import solve_adjoint
     from dress_jax.sim.objective import resting_objective
 
     simulator, parameters, result, weights = drape
     objective = resting_objective(simulator, parameters, result.positions)
     x = np.asarray(result.positions)
     factorization = objective.factorize(x)
-    exact = solve_adjoint(objective, x, np.asarray(weights), factorization)
+    exact = solve_exact(objective, x, np.asarray(weights), factorization)
     projected = factorization.solve(np.asarray(weights).ravel()).reshape(x.shape)
     difference = np.linalg.norm(exact - projected) / np.linalg.norm(exact)
     assert difference > 100 * ADJOINT_TOLERANCE
@@ -112,7 +111,7 @@ def test_projected_hessian_gives_a_wrong_adjoint(drape, gradient):
 
 def test_failed_adjoint_is_not_a_number(drape, monkeypatch):
     simulator, parameters, result, weights = drape
-    monkeypatch.setattr("dress_jax.sim.equilibrium._ADJOINT_LIMIT", 1)
+    monkeypatch.setattr("dress_jax.sim.adjoint._ITERATION_LIMIT", 1)
     with pytest.warns(AdjointWarning, match="gradient is NaN"):
         derivative = jax.grad(
             lambda p: jnp.sum(weights * static_solve(simulator, p, result.positions).positions)

@@ -18,6 +18,7 @@ from dress_jax.sim import (
     static_solve,
     step,
 )
+from dress_jax.sim.inputs import StepInputs
 from dress_jax.sim.objective import StepObjective
 from dress_jax.solver import NewtonOptions
 from tests.sim.scenes import SOFT, draped_sheet, level, sheet
@@ -152,7 +153,9 @@ def test_energy_decays():
     resting = TimeStep(jnp.asarray(start), still, jnp.asarray(0.0))
 
     def total(state: State) -> float:
-        objective = StepObjective(simulator, parameters, resting, parameters.body_vertices)
+        objective = StepObjective(
+            simulator, StepInputs(resting, parameters, parameters.body_vertices)
+        )
         speeds = np.sum(np.asarray(state.velocities) ** 2, axis=1)
         kinetic = 0.5 * float(np.sum(objective.masses * speeds))
         return kinetic + objective.value(np.asarray(state.positions))

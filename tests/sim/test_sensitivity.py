@@ -11,6 +11,7 @@ from dress_jax.core.pytree import replace
 from dress_jax.energy.elastic import TimeStep
 from dress_jax.energy.fabric import make_parameters
 from dress_jax.sim import static_solve
+from dress_jax.sim.inputs import StepInputs
 from dress_jax.sim.objective import StepObjective
 from dress_jax.sim.sensitivity import predicted_start, static_sensitivity
 from dress_jax.solver.linear import LinearSolveError, make_solver
@@ -50,7 +51,8 @@ def drape():
 
 def _objective(simulator, parameters, positions, *, velocity=0.0, body_shift=0.0):
     step = TimeStep(positions, jnp.full_like(positions, velocity), jnp.asarray(2.0))
-    return StepObjective(simulator, parameters, step, parameters.body_vertices + body_shift)
+    body_start = parameters.body_vertices + body_shift
+    return StepObjective(simulator, StepInputs(step, parameters, body_start))
 
 
 @pytest.mark.parametrize("friction", [False, True])

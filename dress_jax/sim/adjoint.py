@@ -1,0 +1,108 @@
+"""Linear solves with the exact Hessian at the end of a step (S2.5, S2.8)."""
+
+import warnings
+
+import numpy as np
+from jaxtyping import Float
+
+from dress_jax.core.results import Result
+from dress_jax.sim.objective import StepObjective
+from dress_jax.solver.conjugate_gradient import conjugate_gradient
+from dress_jax.solver.linear import Factorization, LinearSolveError
+from dress_jax.solver.newton import hessian_operator
+
+_TOLERANCE = 1e-12
+_SUFFICIENT = 1e-10  # relative residual, where rounding ends the iterations earlier
+_ITERATION_LIMIT = 300
+
+
+class AdjointWarning(UserWarning):
+    """The linear solve of a derivative failed; the derivative is NaN."""
+
+
+class Linearization:
+    """The end of a step, ready for linear solves with its exact Hessian.
+
+    The first right-hand side is solved by conjugate gradients with what the forward solve left as
+    preconditioner; from the second one on, the exact Hessian is factorized once for all.
+
+    Args:
+        objective: of the step.
+        positions: its end [m].
+        factorization: of a projected Hessian close to the end; None makes one where it is needed.
+    """
+
+    def __init__(
+        self,
+        objective: StepObjective,
+        positions: Float[np.ndarray, "n 3"],
+        factorization: Factorization | None = None,
+    ):
+        self.objective, self.positions = objective, positions
+        self._projected = factorization
+        self._exact: Factorization | None = None
+        self._solves = 0
+
+    def solve(self, right: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """The inverse of the exact Hessian times a right-hand side.
+
+        NaN, with a warning, where the solve fails: a derivative that does not exist must not pass
+        as a number.
+        """
+        if not np.any(right):
+            return np.zeros_like(right)
+        self._solves += 1
+        try:
+            if self._exact is None and (self._solves > 1 or self._projected is None):
+                self._exact = self._factorize()
+        except LinearSolveError as error:
+            return _failed(right, str(error))
+        preconditioner = self._projected if self._exact is None else self._exact
+        assert preconditioner is not None
+        return solve_exact(self.objective, self.positions, right, preconditioner)
+
+    def _factorize(self) -> Factorization | None:
+        """The exact Hessian where it is positive definite, and the projected one elsewhere."""
+        try:
+            return self.objective.factorize(self.positions, exact=True)
+        except LinearSolveError:
+            # Conjugate gradients will meet the negative curvature, and say so.
+            if self._projected is None:
+                self._projected = self.objective.factorize(self.positions)
+            return None
+
+
+def solve_exact(
+    objective: StepObjective,
+    positions: Float[np.ndarray, "n 3"],
+    right: Float[np.ndarray, "n 3"],
+    preconditioner: Factorization,
+) -> Float[np.ndarray, "n 3"]:
+    """The inverse of the exact Hessian times a right-hand side; NaN with a warning if it fails."""
+    solved = conjugate_gradient(
+        hessian_operator(objective, positions),
+        np.asarray(right, np.float64).ravel(),
+        preconditioner,
+        tolerance=_TOLERANCE,
+        iteration_limit=_ITERATION_LIMIT,
+    )
+    if solved.converged or (
+        solved.smallest_curvature > 0.0 and solved.relative_residual <= _SUFFICIENT
+    ):
+        return solved.solution.reshape(positions.shape)
+    if solved.smallest_curvature <= 0.0:
+        return _failed(right, Result.INDEFINITE_HESSIAN.message)
+    return _failed(
+        right,
+        f"conjugate gradients reached a relative residual of {solved.relative_residual:.1e} in "
+        f"{solved.iterations} iterations",
+    )
+
+
+def _failed(right: np.ndarray, reason: str) -> np.ndarray:
+    warnings.warn(
+        f"the linear solve of a derivative failed, and the gradient is NaN: {reason}",
+        AdjointWarning,
+        stacklevel=2,
+    )
+    return np.full_like(right, np.nan)
