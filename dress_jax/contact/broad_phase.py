@@ -169,7 +169,7 @@ def find_candidates(
     mesh: CollisionMesh | BroadPhase,
     start: Float[np.ndarray, "n 3"],
     end: Float[np.ndarray, "n 3"],
-    radius: float,
+    radius: float | Float[np.ndarray, " n"],
     *,
     body_moved: bool = True,
 ) -> tuple[Int[np.ndarray, "m 4"], Int[np.ndarray, "k 4"]]:
@@ -183,7 +183,7 @@ def find_candidates(
         mesh: a mesh, or a `BroadPhase` that keeps its trees between calls.
         start: positions [m], shape (n, 3).
         end: positions [m], shape (n, 3).
-        radius: distance [m].
+        radius: distance [m], of all pairs or at each vertex; a pair has the smallest of its four.
         body_moved: False keeps the body's boxes of the previous call.
 
     Returns:
@@ -195,8 +195,9 @@ def find_candidates(
     start = _positions(start, (mesh if isinstance(mesh, CollisionMesh) else mesh.mesh).n, "start")
     state = make_broad_phase(mesh, start) if isinstance(mesh, CollisionMesh) else mesh
     end = _positions(end, state.mesh.n, "end")
-    if not radius >= 0:
-        raise InputError(f"radius is {radius}", mend="give a distance of at least 0")
+    radii = np.ascontiguousarray(np.broadcast_to(radius, state.mesh.n), np.float64)
+    if not np.all(radii >= 0):
+        raise InputError(f"radius is {radius}", mend="give distances of at least 0")
     for tree in state.cloth:
         tree.refit(start, end)
     if body_moved or not state.body_fitted:
@@ -205,9 +206,9 @@ def find_candidates(
         state.body_fitted = True
     (cv, ce, cf), (bv, be, bf) = state.cloth, state.body
     vertex_face = [
-        _pairs(state, a, b, start, end, radius) for a, b in ((cv, cf), (cv, bf), (bv, cf))
+        _pairs(state, a, b, start, end, radii) for a, b in ((cv, cf), (cv, bf), (bv, cf))
     ]
-    edge_edge = [_pairs(state, ce, b, start, end, radius) for b in (ce, be)]
+    edge_edge = [_pairs(state, ce, b, start, end, radii) for b in (ce, be)]
     return np.concatenate(vertex_face), np.concatenate(edge_edge)
 
 
@@ -217,7 +218,7 @@ def _pairs(
     b: _FittedTree,
     start: np.ndarray,
     end: np.ndarray,
-    radius: float,
+    radii: np.ndarray,
 ) -> np.ndarray:
     """Sorted rows of the close pairs of two sets of primitives; a is b: each pair once."""
     if not len(a.primitives) or not len(b.primitives):
@@ -237,7 +238,7 @@ def _pairs(
             state.mesh.weld_ids,
             start,
             end,
-            radius,
+            radii,
             a is b,
             keys,
         )
@@ -262,24 +263,29 @@ def _traverse(
     weld_ids,
     start,
     end,
-    radius,
+    radii,
     same,
     keys,
 ):
-    """Count pairs within `radius`; their keys (row a << 32 | row b) go to `keys` while they fit.
+    """Count pairs within their radius; keys (row a << 32 | row b) go to `keys` while they fit.
 
     `same`: both sets are one, and each pair is reported with the smaller row first.
     """
     inner = first.shape[0] // 2
     stack = np.empty(64, np.int32)
     corners = np.empty(4, np.int32)
-    # Rounding must not lose a pair at the very radius.
-    squared = radius * radius * (1.0 + 1e-12)
+    sides = primitives_a.shape[1]
     count = 0
     for i in range(order_a.shape[0]):
         low0, low1, low2 = boxes_a[i, 0], boxes_a[i, 1], boxes_a[i, 2]
         high0, high1, high2 = boxes_a[i, 3], boxes_a[i, 4], boxes_a[i, 5]
         row_a = order_a[i]
+        radius_a = np.inf
+        for p in range(sides):
+            corners[p] = primitives_a[row_a, p]
+            radius_a = min(radius_a, radii[corners[p]])
+        # Rounding must not lose a pair at the very radius.
+        squared = radius_a * radius_a * (1.0 + 1e-12)
         top = 1
         stack[0] = 0
         while top > 0:
@@ -307,13 +313,14 @@ def _traverse(
                 if gap0 * gap0 + gap1 * gap1 + gap2 * gap2 > squared:
                     continue
                 row_b = order_b[j]
-                sides = primitives_a.shape[1]
                 welded = False
-                for p in range(sides):
-                    corners[p] = primitives_a[row_a, p]
-                    for q in range(primitives_b.shape[1]):
-                        corners[sides + q] = primitives_b[row_b, q]
-                        if weld_ids[corners[p]] == weld_ids[corners[sides + q]]:
+                radius = radius_a
+                for q in range(primitives_b.shape[1]):
+                    corner = primitives_b[row_b, q]
+                    corners[sides + q] = corner
+                    radius = min(radius, radii[corner])
+                    for p in range(sides):
+                        if weld_ids[corners[p]] == weld_ids[corner]:
                             welded = True
                 if welded or _stays_apart(
                     start, end, corners[0], corners[1], corners[2], corners[3], sides == 1, radius

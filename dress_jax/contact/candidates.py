@@ -29,35 +29,57 @@ class Candidates:
         edge_edge: [edge a, edge b] in each column, shape (4, ce).
         vertex_face_count: number of columns in use.
         edge_edge_count: number of columns in use.
+        vertex_face_scales: factors of the lengths of contact of each pair, shape (cv,).
+        edge_edge_scales: likewise, shape (ce,).
     """
 
     vertex_face: Int[Array, "4 cv"]
     edge_edge: Int[Array, "4 ce"]
     vertex_face_count: Int[Array, ""]
     edge_edge_count: Int[Array, ""]
+    vertex_face_scales: Float[Array, " cv"]
+    edge_edge_scales: Float[Array, " ce"]
 
 
 def make_candidates(
-    vertex_face: Int[np.ndarray, "m 4"], edge_edge: Int[np.ndarray, "k 4"]
+    vertex_face: Int[np.ndarray, "m 4"],
+    edge_edge: Int[np.ndarray, "k 4"],
+    *,
+    scales: Float[np.ndarray, " n"] | None = None,
 ) -> Candidates:
     """Pad the pairs of the broad phase to bucket sizes.
 
     Args:
         vertex_face: rows [vertex, face corners], shape (m, 4).
         edge_edge: rows [edge a, edge b], shape (k, 4).
+        scales: factors of the lengths of contact at each vertex; a pair has the smallest of its
+            four. Default: 1.
     """
 
-    def padded(rows: np.ndarray) -> Array:
+    def padded(rows: np.ndarray) -> tuple[Array, Array]:
         rows = np.asarray(rows, np.int32).reshape(-1, 4)
         capacity = bucket_size(len(rows), smallest=_SMALLEST_CAPACITY, growth=_GROWTH)
-        return jnp.asarray(pad_columns(rows.T, capacity))
+        factors = np.ones(capacity)
+        if scales is not None:
+            factors[: len(rows)] = pair_scales(scales, rows.T)
+        return jnp.asarray(pad_columns(rows.T, capacity)), jnp.asarray(factors)
 
+    (first, first_scales), (second, second_scales) = padded(vertex_face), padded(edge_edge)
     return Candidates(
-        vertex_face=padded(vertex_face),
-        edge_edge=padded(edge_edge),
+        vertex_face=first,
+        edge_edge=second,
         vertex_face_count=jnp.asarray(len(vertex_face), jnp.int32),
         edge_edge_count=jnp.asarray(len(edge_edge), jnp.int32),
+        vertex_face_scales=first_scales,
+        edge_edge_scales=second_scales,
     )
+
+
+def pair_scales(
+    scales: Float[np.ndarray, " n"], indices: Int[np.ndarray, "4 m"]
+) -> Float[np.ndarray, " m"]:
+    """The factor of each pair: the smallest of its four vertices."""
+    return np.minimum.reduce([scales[indices[k]] for k in range(4)])
 
 
 def mask(indices: Int[Array, "4 c"], count: Int[Array, ""]) -> Bool[Array, "c"]:

@@ -51,15 +51,15 @@ def step_bound(
 ) -> Float[Array, ""]:
     """The largest step along `displacement` that is known to keep all candidates apart.
 
-    For every step up to the bound each candidate keeps a distance of more than `min_distance` plus
-    a fraction (at least a hundredth) of its initial gap. Lanes that are not finished at the
-    iteration limit bound the step by the time they have proven safe.
+    For every step up to the bound each candidate keeps a distance of more than `min_distance` times
+    its scale plus a fraction (at least a hundredth) of its initial gap. Lanes that are not finished
+    at the iteration limit bound the step by the time they have proven safe.
 
     Args:
         start: positions [m], shape (n, 3).
         displacement: displacement of the full step [m], shape (n, 3).
         candidates: all pairs that can touch during the full step.
-        min_distance: distance [m] that is kept.
+        min_distance: distance [m] that is kept by a pair whose scale is 1.
         iteration_limit: bound on the advances of one lane.
 
     Returns:
@@ -71,12 +71,17 @@ def step_bound(
     """
     require_float64("step_bound")
     families = (
-        (True, candidates.vertex_face, candidates.vertex_face_count),
-        (False, candidates.edge_edge, candidates.edge_edge_count),
+        (
+            True,
+            candidates.vertex_face,
+            candidates.vertex_face_count,
+            candidates.vertex_face_scales,
+        ),
+        (False, candidates.edge_edge, candidates.edge_edge_count, candidates.edge_edge_scales),
     )
-    xi = jnp.asarray(min_distance, start.dtype)
     best = jnp.ones((), start.dtype)
-    for is_vertex_face, indices, count in families:
+    for is_vertex_face, indices, count, scales in families:
+        xi = jnp.asarray(min_distance, start.dtype) * scales
         # Two programs: gaps used twice within one would be fused into, and computed by, each use.
         gap, rate = _measure(start, displacement, indices, count, xi, is_vertex_face=is_vertex_face)
         best = _earliest_hit(
@@ -99,7 +104,7 @@ def _measure(
     displacement: Float[Array, "n 3"],
     indices: Int[Array, "4 c"],
     count: Int[Array, ""],
-    xi: Float[Array, ""],
+    xi: Float[Array, "c"],
     *,
     is_vertex_face: bool,
 ) -> tuple[Float[Array, "c"], Float[Array, "c"]]:
@@ -125,7 +130,7 @@ def _earliest_hit(
     indices: Int[Array, "4 c"],
     gap: Float[Array, "c"],
     rate: Float[Array, "c"],
-    xi: Float[Array, ""],
+    xi: Float[Array, "c"],
     best: Float[Array, ""],
     *,
     is_vertex_face: bool,
@@ -155,7 +160,8 @@ def _earliest_hit(
         p = _relative(gather_components(displacement, columns, used, padding=_STILL))
         lane_gap = gap.at[lanes].get(mode="fill", fill_value=1.0)
         lane_rate = rate.at[lanes].get(mode="fill", fill_value=0.0)
-        best = _accd(squared, x, p, lane_gap, lane_rate, xi, best, iteration_limit)
+        lane_xi = xi.at[lanes].get(mode="fill", fill_value=0.0)
+        best = _accd(squared, x, p, lane_gap, lane_rate, lane_xi, best, iteration_limit)
         pending = pending.at[lanes].set(False, mode="drop")
         return pending & (proven < best), best
 
@@ -168,7 +174,7 @@ def _accd(
     p: tuple[Components, ...],
     gap: Float[Array, "c"],
     rate: Float[Array, "c"],
-    xi: Float[Array, ""],
+    xi: Float[Array, "c"],
     best: Float[Array, ""],
     iteration_limit: int,
 ) -> Float[Array, ""]:

@@ -7,9 +7,15 @@ step through its initial state contains them.
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from dress_jax.contact.barrier import barrier_derivatives
 from dress_jax.contact.candidates import gather_displacements
-from dress_jax.contact.potential import Contact, PairBlocks, closest, energy_scales, stencils
+from dress_jax.contact.potential import (
+    Contact,
+    PairBlocks,
+    closest,
+    energy_scales,
+    pair_barrier,
+    stencils,
+)
 from dress_jax.core.components import dot
 from dress_jax.core.pytree import pytree
 
@@ -39,7 +45,7 @@ def _lagged(friction: Friction) -> tuple[Array, tuple[Array, ...], Array]:
     length = jnp.sqrt(jnp.where(used, squared, 1.0))
     normal = tuple(sum(weights[p] * points[p, k] for p in range(4)) / length for k in range(3))
     scale = energy_scales(points, contact)
-    force = -2.0 * length * scale * barrier_derivatives(squared, contact.settings).first
+    force = -2.0 * length * scale * pair_barrier(squared, contact).first
     return weights, normal, jnp.where(used, force, 0.0)
 
 

@@ -4,6 +4,9 @@ Every pair contributes k w m dhat b(d): k is a pressure [Pa], w an area of the r
 potential of two facing sheets does not depend on the mesh while edges are long against dhat, and
 carries a derivative through the areas (S9.7). Cloth and
 body share one vertex numbering: cloth first, then body.
+
+A pair may have lengths of its own: dhat and thickness times its scale s. In units of s it is a pair
+like all others, so its barrier is that of d / s, and its weight is k w m s dhat.
 """
 
 import enum
@@ -12,7 +15,12 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from dress_jax.contact.barrier import ContactSettings, barrier, barrier_derivatives
+from dress_jax.contact.barrier import (
+    BarrierDerivatives,
+    ContactSettings,
+    barrier,
+    barrier_derivatives,
+)
 from dress_jax.contact.candidates import gather, mask
 from dress_jax.core.pytree import pytree, static
 from dress_jax.geometry.distance import (
@@ -44,11 +52,13 @@ class Pairs:
     Attributes:
         indices: stencil vertices, (4, m).
         count: number of true pairs, ().
+        scales: factors of dhat and thickness of each pair, in (0, 1]; constants, (m,).
         kind: the family.
     """
 
     indices: Int[Array, "4 m"]
     count: Int[Array, ""]
+    scales: Float[Array, " m"]
     kind: PairKind = static()
 
 
@@ -120,10 +130,18 @@ def pair_areas(areas: Float[Array, " n"], pairs: Pairs) -> Float[Array, " m"]:
 
 
 def energy_scales(points: Float[Array, "4 3 m"], contact: Contact) -> Float[Array, " m"]:
-    """k w m dhat, by which the barrier of each pair is multiplied [J]."""
+    """k w m s dhat, by which the barrier of each pair is multiplied [J]."""
     pairs, settings = contact.pairs, contact.settings
-    scale = contact.barrier_stiffness * settings.dhat * pair_areas(contact.areas, pairs)
+    dhat = settings.dhat * pairs.scales
+    scale = contact.barrier_stiffness * dhat * pair_areas(contact.areas, pairs)
     return scale * mollifier(points) if pairs.kind is PairKind.EDGE_EDGE else scale
+
+
+def pair_barrier(squared: Float[Array, " m"], contact: Contact) -> BarrierDerivatives:
+    """The barrier of each pair, with its derivatives in the squared distance [m^2]."""
+    unit = contact.pairs.scales**2
+    value, first, second = barrier_derivatives(squared / unit, contact.settings)
+    return BarrierDerivatives(value, first / unit, second / unit**2)
 
 
 def contact_energy(positions: Float[Array, "n 3"], contact: Contact) -> Float[Array, ""]:
@@ -135,10 +153,11 @@ def contact_energy(positions: Float[Array, "n 3"], contact: Contact) -> Float[Ar
     """
     pairs, settings = contact.pairs, contact.settings
     points, used = stencils(positions, pairs)
-    value = barrier(squared_distances(points, pairs.kind), settings)
+    squared = squared_distances(points, pairs.kind)
+    value = barrier(squared / pairs.scales**2, settings)
     if pairs.kind is PairKind.EDGE_EDGE:
         value = mollifier(points) * value
-    weights = jnp.where(used, pair_areas(contact.areas, pairs), 0.0)
+    weights = jnp.where(used, pairs.scales * pair_areas(contact.areas, pairs), 0.0)
     total = jnp.sum(jnp.where(used, weights * value, 0.0))
     return contact.barrier_stiffness * settings.dhat * total
 
@@ -165,7 +184,7 @@ def contact_blocks(positions: Float[Array, "n 3"], contact: Contact) -> PairBloc
     pairs = contact.pairs
     points, used = stencils(positions, pairs)
     weights, squared = closest(points, pairs.kind)
-    derivatives = barrier_derivatives(squared, contact.settings)
+    derivatives = pair_barrier(squared, contact)
     along = 2.0 * derivatives.first + 4.0 * squared * derivatives.second
     scale = energy_scales(points, contact)
     stiffness = jnp.where(used, scale * jnp.maximum(along, 0.0), 0.0)
@@ -178,11 +197,29 @@ def contact_blocks(positions: Float[Array, "n 3"], contact: Contact) -> PairBloc
     return PairBlocks(weights, normal, stiffness)
 
 
+class ActivePairs(NamedTuple):
+    """What is known about the distances of one family of pairs.
+
+    Attributes:
+        mask: which pairs are closer than their dhat, (m,).
+        smallest: squared distance of the closest pair [m^2].
+        smallest_scaled: likewise, every distance over the scale of its pair [m^2].
+    """
+
+    mask: Bool[Array, " m"]
+    smallest: Float[Array, ""]
+    smallest_scaled: Float[Array, ""]
+
+
 def active_pairs(
     positions: Float[Array, "n 3"], pairs: Pairs, settings: ContactSettings
-) -> tuple[Bool[Array, " m"], Float[Array, ""]]:
-    """Which pairs are closer than dhat, and the smallest squared distance of all [m^2]."""
+) -> ActivePairs:
+    """Which pairs are closer than dhat, and how close the closest are."""
     points, used = stencils(positions, pairs)
     squared = jnp.where(used, squared_distances(points, pairs.kind), jnp.inf)
-    reach = (settings.dhat + settings.thickness) ** 2
-    return squared < reach, jnp.min(squared, initial=jnp.inf)
+    scaled = squared / pairs.scales**2
+    return ActivePairs(
+        scaled < (settings.dhat + settings.thickness) ** 2,
+        jnp.min(squared, initial=jnp.inf),
+        jnp.min(scaled, initial=jnp.inf),
+    )

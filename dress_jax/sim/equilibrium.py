@@ -31,6 +31,8 @@ class Report:
         residual: largest force on a vertex [N].
         energy: [J].
         smallest_distance: of all pairs within reach [m].
+        smallest_scaled_distance: likewise, over the contact scale of the pair; above the thickness
+            [m].
         self_intersections, body_intersections: by the exact test.
     """
 
@@ -40,6 +42,7 @@ class Report:
     residual: Float[Array, ""]
     energy: Float[Array, ""]
     smallest_distance: Float[Array, ""]
+    smallest_scaled_distance: Float[Array, ""]
     self_intersections: Int[Array, ""]
     body_intersections: Int[Array, ""]
 
@@ -76,13 +79,15 @@ def solve_step(
     solution = minimize(objective, x0, simulator.newton, progress=simulator.progress)
     x = solution.positions
     crossings = _count_intersections(x, objective)
+    smallest = objective.smallest_distances(x)
     report = Report(
         result=jnp.asarray(int(solution.result)),
         iterations=jnp.asarray(solution.iterations),
         step_size=jnp.asarray(solution.step_size),
         residual=jnp.asarray(solution.residual),
         energy=jnp.asarray(solution.energy),
-        smallest_distance=jnp.asarray(objective.smallest_distance(x)),
+        smallest_distance=jnp.asarray(smallest.plain),
+        smallest_scaled_distance=jnp.asarray(smallest.scaled),
         self_intersections=jnp.asarray(crossings.self),
         body_intersections=jnp.asarray(crossings.body),
     )
@@ -112,11 +117,11 @@ def _check_start(x0, objective: StepObjective) -> None:
             mend=mend,
         )
     thickness = float(objective.simulator.settings.thickness)
-    distance = objective.smallest_distance(x0)
-    if distance <= thickness:
+    part = objective.smallest_distances(x0).scaled / thickness if thickness > 0.0 else np.inf
+    if part <= 1.0:
         raise InputError(
-            f"the start state has a pair at {distance * 1e3:.4f} mm, at or below the thickness "
-            f"of {thickness * 1e3:.4f} mm",
+            f"the start state has a pair at {part:.4f} times its thickness (of up to "
+            f"{thickness * 1e3:.4f} mm); pairs must be further apart",
             mend=mend,
         )
 

@@ -152,5 +152,5 @@ SLIDING = _kernels(sliding_energy)
 
 @jax.jit
 def find_active(positions, parameters, frame, pairs):
-    """Mask of the pairs closer than dhat, and the smallest squared distance."""
+    """The pairs closer than dhat, and the smallest squared distances."""
     return active_pairs(with_body(positions, parameters), pairs, frame.settings)

@@ -268,7 +268,7 @@ def _exact_pairs(
 
     @jax.jit
     def rows(positions, parameters, frame, pairs, slots):
-        own_pairs = Pairs(_own_indices(pairs.indices), pairs.count, pairs.kind)
+        own_pairs = replace(pairs, indices=_own_indices(pairs.indices))
         own = own_carrier(carrier(parameters, frame, pairs), own_pairs)
         vertices = _own_vertices(with_body(positions, parameters), pairs.indices)
         return _exact_rows(lambda x: energy(x, own), vertices, CONTACT_PAIRS, slots)

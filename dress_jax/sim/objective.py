@@ -1,13 +1,15 @@
 """The incremental potential of one time step, as Newton's method wants it."""
 
+from typing import NamedTuple
+
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from dress_jax.contact.broad_phase import find_candidates
 from dress_jax.contact.candidates import Candidates, make_candidates
 from dress_jax.contact.ccd import step_bound
-from dress_jax.contact.potential import CONTACT_PAIRS, PairKind, Pairs
+from dress_jax.contact.potential import CONTACT_PAIRS, ActivePairs, PairKind, Pairs
 from dress_jax.core.buckets import bucket_size, pad_columns
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Cloth, Parameters, vertex_masses
@@ -26,6 +28,16 @@ Positions = Float[np.ndarray, "n 3"]
 # Of candidates, relative to dhat: a wide margin serves many small steps, and makes each of them
 # look at many more pairs.
 _SMALLEST_MARGIN, _LARGEST_MARGIN = 0.02, 0.25
+
+
+class SmallestDistances(NamedTuple):
+    """The distance of the closest pair, and the smallest of a pair's distance over its scale [m].
+
+    The thickness of a pair is the thickness times its scale, so the latter compares with it.
+    """
+
+    plain: float
+    scaled: float
 
 
 class StepObjective:
@@ -52,6 +64,7 @@ class StepObjective:
         self._body = np.asarray(self.parameters.body_vertices)
         settings = simulator.settings
         self._reach = float(settings.dhat + settings.thickness)
+        self._scales = self._padding.together(simulator.contact_scales)
         self._margin = 0.0
         self._candidates: Candidates | None = None
         self._seen = self._motion = np.zeros((0, 3))
@@ -87,11 +100,13 @@ class StepObjective:
             self.simulator.broad_phase,
             np.concatenate([start, self._body]),
             np.concatenate([end, self._body]),
-            self._reach + 2.0 * self._margin,
+            self._reach * self.simulator.contact_scales + 2.0 * self._margin,
             body_moved=self._body_moved,
         )
         self._body_moved = False
-        self._candidates = make_candidates(*(self._padding.indices(part) for part in rows))
+        self._candidates = make_candidates(
+            *(self._padding.indices(part) for part in rows), scales=self._scales
+        )
 
     def _covers(self, x: Positions) -> bool:
         """Whether every vertex is within the margin of one common point of the motion seen."""
@@ -108,8 +123,15 @@ class StepObjective:
         found = self._candidates
         assert found is not None
         return [
-            Pairs(found.vertex_face, found.vertex_face_count, PairKind.VERTEX_FACE),
-            Pairs(found.edge_edge, found.edge_edge_count, PairKind.EDGE_EDGE),
+            Pairs(
+                found.vertex_face,
+                found.vertex_face_count,
+                found.vertex_face_scales,
+                PairKind.VERTEX_FACE,
+            ),
+            Pairs(
+                found.edge_edge, found.edge_edge_count, found.edge_edge_scales, PairKind.EDGE_EDGE
+            ),
         ]
 
     def contacts(self, positions: Positions) -> list[Pairs]:
@@ -117,9 +139,8 @@ class StepObjective:
         if self._contacts is None or not np.array_equal(self._contacts_at, positions):
             found = []
             for pairs in self.pairs(positions):
-                mask, _ = self._active(positions, pairs)
-                active = np.nonzero(np.asarray(mask))[0]
-                found.append(_padded(np.asarray(pairs.indices)[:, active], pairs.kind))
+                mask = self._active(positions, pairs).mask
+                found.append(_selected(pairs, np.nonzero(np.asarray(mask))[0]))
             self._contacts, self._contacts_at = found, positions.copy()
         return self._contacts
 
@@ -133,13 +154,13 @@ class StepObjective:
         self._candidates, self._contacts, self._body_moved = None, None, True
         return active
 
-    def smallest_distance(self, positions: Positions) -> float:
-        """Smallest distance of all candidate pairs [m]; infinite where there are none."""
-        smallest = np.inf
-        for pairs in self.pairs(positions):
-            _, squared = self._active(positions, pairs)
-            smallest = min(smallest, float(squared))
-        return float(np.sqrt(smallest))
+    def smallest_distances(self, positions: Positions) -> SmallestDistances:
+        """Of all candidate pairs [m]; infinite where there are none."""
+        found = [self._active(positions, pairs) for pairs in self.pairs(positions)]
+        return SmallestDistances(
+            float(np.sqrt(min(float(family.smallest) for family in found))),
+            float(np.sqrt(min(float(family.smallest_scaled) for family in found))),
+        )
 
     # Energy and derivatives
 
@@ -155,7 +176,7 @@ class StepObjective:
     def _fixed(self) -> tuple[Parameters, Cloth, Frame]:
         return self._padded, self._padding.cloth, self.frame
 
-    def _active(self, positions: Positions, pairs: Pairs) -> tuple[Array, Array]:
+    def _active(self, positions: Positions, pairs: Pairs) -> ActivePairs:
         x = self._padding.positions(positions)
         return kernels.find_active(x, self._padded, self.frame, pairs)
 
@@ -242,7 +263,7 @@ class StepObjective:
         found = []
         for pairs in self.pairs(positions):
             x = self._padding.positions(positions)
-            mask, _ = kernels.find_active(x, self._padded, wide, pairs)
+            mask = kernels.find_active(x, self._padded, wide, pairs).mask
             near = np.nonzero(np.asarray(mask))[0]
             found.append(element_pairs(np.asarray(pairs.indices)[:, near], CONTACT_PAIRS))
         return found
@@ -274,8 +295,15 @@ def resting_objective(
     return StepObjective(simulator, StepInputs(step, parameters, parameters.body_vertices))
 
 
-def _padded(indices: np.ndarray, kind: PairKind) -> Pairs:
-    """Pairs padded to a bucket."""
-    count = indices.shape[1]
-    padded = pad_columns(indices.astype(np.int32), bucket_size(count, smallest=4096))
-    return Pairs(jnp.asarray(padded), jnp.asarray(count, jnp.int32), kind)
+def _selected(pairs: Pairs, columns: Int[np.ndarray, " k"]) -> Pairs:
+    """Some of the pairs, padded to a bucket."""
+    count = len(columns)
+    capacity = bucket_size(count, smallest=4096)
+    scales = np.ones(capacity)
+    scales[:count] = np.asarray(pairs.scales)[columns]
+    return Pairs(
+        jnp.asarray(pad_columns(np.asarray(pairs.indices)[:, columns], capacity)),
+        jnp.asarray(count, jnp.int32),
+        jnp.asarray(scales),
+        pairs.kind,
+    )

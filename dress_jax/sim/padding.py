@@ -117,6 +117,12 @@ class Padding:
         n = self.true.vertices
         return np.where(rows < n, rows, rows + (self.padded.vertices - n))
 
+    def together(self, values: Float[np.ndarray, " nb"]) -> Float[np.ndarray, " nb_padded"]:
+        """Factors at the vertices of cloth and body, 1 where padded."""
+        padded = np.ones(self.padded.vertices + self.padded.body_vertices)
+        padded[self.indices(np.arange(len(values)))] = values
+        return padded
+
     def parameters(self, parameters: Parameters) -> Parameters:
         """Parameters of the padded cloth."""
         changes = {

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float, Int
 
 from dress_jax.contact.barrier import ContactSettings, contact_settings
 from dress_jax.contact.broad_phase import BroadPhase, make_broad_phase, make_collision_mesh
+from dress_jax.contact.scales import contact_scales
 from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Cloth, Gravity, Parameters
@@ -27,7 +28,6 @@ from dress_jax.solver.block_matrix import BlockPattern
 from dress_jax.solver.linear import LinearSolver, make_solver
 from dress_jax.solver.newton import NewtonOptions, NewtonProgress
 
-_THICKNESS_SHARE = 0.25  # of the smallest height of a rest triangle
 _REACH_SHARE = 0.5  # dhat over the median edge of the rest shape, at most
 
 
@@ -40,6 +40,8 @@ class Simulator:
         body_faces: triangles of the body, (k, 3).
         body_areas: area that each body vertex stands for in contact [m^2], (b,).
         settings: lengths of the contact model.
+        contact_scales: factors of dhat and thickness at each vertex of cloth and body, in (0, 1];
+            constants of the mesh that carry no derivative, (n + b,).
         newton: stopping rule.
         friction: whether friction acts (off in an optimisation, S9.9).
         linear_solver: factorizes the projected Hessians.
@@ -56,6 +58,7 @@ class Simulator:
     body_faces: Int[np.ndarray, "k 3"]
     body_areas: Float[Array, " b"]
     settings: ContactSettings
+    contact_scales: Float[np.ndarray, " nb"]
     newton: NewtonOptions
     friction: bool
     linear_solver: LinearSolver
@@ -92,6 +95,7 @@ def make_simulator(
     body_vertices: Float[np.ndarray, "b 3"] | None = None,
     body_faces: Int[np.ndarray, "k 3"] | None = None,
     settings: ContactSettings | None = None,
+    contact_scales: Float[np.ndarray, " n"] | None = None,
     newton: NewtonOptions | None = None,
     friction: bool = False,
     linear_solver: str = "auto",
@@ -104,6 +108,8 @@ def make_simulator(
         positions: typical positions [m], (n, 3); they shape the box trees, not the results.
         body_vertices, body_faces: the body; its vertices here give the contact areas only.
         settings: lengths of the contact model; default dhat 3 mm, thickness 0.3 mm.
+        contact_scales: factors of these lengths at each cloth vertex, for example those of
+            `contact.scales`; default 1, like those of the body.
         newton: stopping rule.
         friction: whether friction acts.
         linear_solver: a name, see `solver.linear.available_solvers`.
@@ -128,11 +134,18 @@ def make_simulator(
     mesh = make_collision_mesh(np.asarray(cloth.faces).T, n, triangles, len(body), weld_ids=weld)
     padding = make_padding(cloth, len(body))
     pattern, slots = elastic_slots(cloth.vertex_count, padding.cloth)
+    scales = np.ones(n) if contact_scales is None else np.asarray(contact_scales, np.float64)
+    if scales.shape != (n,) or not np.all((scales > 0.0) & (scales <= 1.0)):
+        raise InputError(
+            f"contact_scales of shape {scales.shape} or out of range",
+            mend=f"give {n} factors above 0 and at most 1, one per vertex",
+        )
     return Simulator(
         cloth=cloth,
         body_faces=np.asarray(triangles, np.int32),
         body_areas=body_vertex_areas(body, triangles),
         settings=contact_settings() if settings is None else settings,
+        contact_scales=np.concatenate([scales, np.ones(len(body))]),
         newton=NewtonOptions() if newton is None else newton,
         friction=friction,
         linear_solver=make_solver(linear_solver),
@@ -160,8 +173,8 @@ def make_simulation(
 ) -> tuple[Simulator, Parameters]:
     """A simulator without friction, and parameters of one fabric, for the same cloth and body.
 
-    The contact model's lengths are reduced where the rest shape has edges or triangles too small
-    for them.
+    The contact model's lengths are reduced where the rest shape has triangles too small for them
+    (`contact.scales`); without wishes also as a whole, to half of its median edge.
 
     Args:
         cloth: topology of the garment.
@@ -176,12 +189,22 @@ def make_simulation(
     Raises:
         InputError: arrays that do not fit each other.
     """
+    rest_faces = np.asarray(cloth.rest_faces).T
+    if settings is None:
+        settings = _fine_enough(np.asarray(rest_positions)[rest_faces])
     simulator = make_simulator(
         cloth,
         positions,
         body_vertices=body_vertices,
         body_faces=body_faces,
-        settings=_fine_enough(settings, rest_positions, np.asarray(cloth.rest_faces).T),
+        settings=settings,
+        contact_scales=contact_scales(
+            rest_positions,
+            rest_faces,
+            np.asarray(cloth.faces).T,
+            cloth.vertex_count,
+            settings,
+        ),
         newton=newton,
         linear_solver=linear_solver,
     )
@@ -196,26 +219,16 @@ def make_simulation(
     return simulator, parameters
 
 
-def _fine_enough(
-    settings: ContactSettings | None,
-    rest_positions: Float[np.ndarray, "p 2"],
-    rest_faces: Int[np.ndarray, "f 3"],
-) -> ContactSettings:
-    """The settings, fit for the mesh.
+def _fine_enough(corners: Float[np.ndarray, "f 3 2"]) -> ContactSettings:
+    """Lengths that fit the mesh: dhat is at most half of the median edge.
 
-    Without wishes, dhat is at most half of the median edge: primitives that are no neighbours are
-    about an edge apart, and a barrier between them would turn a fine cloth into a board. The
-    thickness is below what the smallest rest triangle can keep.
+    Primitives that are no neighbours are about an edge apart, and a barrier between them would turn
+    a fine cloth into a board.
+
+    Args:
+        corners: of the rest triangles [m].
     """
-    corners = np.asarray(rest_positions)[rest_faces]
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    if settings is None:
-        settings = contact_settings()
-        share = min(1.0, _REACH_SHARE * float(np.median(edges)) / float(settings.dhat))
-        settings = replace(
-            settings, dhat=share * settings.dhat, thickness=share * settings.thickness
-        )
-    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    heights = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / edges.max(axis=1)
-    thickness = min(float(settings.thickness), _THICKNESS_SHARE * float(heights.min()))
-    return replace(settings, thickness=jnp.asarray(thickness, jnp.float64))
+    settings = contact_settings()
+    share = min(1.0, _REACH_SHARE * float(np.median(edges)) / float(settings.dhat))
+    return replace(settings, dhat=share * settings.dhat, thickness=share * settings.thickness)

@@ -47,7 +47,8 @@ def facing_sheets(kind: PairKind, *, gap: float = 0.35, seed: int = 0):
 
 def contact_of(indices: np.ndarray, areas: np.ndarray, kind: PairKind) -> Contact:
     """Pairs without padding, of the stiffness and the lengths above."""
-    pairs = Pairs(jnp.asarray(indices), jnp.asarray(indices.shape[1]), kind)
+    count = indices.shape[1]
+    pairs = Pairs(jnp.asarray(indices), jnp.asarray(count), jnp.ones(count), kind)
     return Contact(pairs, jnp.asarray(areas), STIFFNESS, SETTINGS)
 
 

@@ -96,7 +96,8 @@ def test_padding_and_order_do_not_matter(kind):
     np.testing.assert_allclose(energy(positions, shuffled), reference, rtol=1e-13)
     np.testing.assert_allclose(force(positions, shuffled), gradient, atol=1e-12)
     # More padding; what stands in it, here pairs at a distance of zero, is not looked at.
-    padded = with_pairs(contact, indices=jnp.pad(shuffled.pairs.indices, [(0, 0), (0, 37)]))
+    wider = jnp.pad(shuffled.pairs.indices, [(0, 0), (0, 37)])
+    padded = with_pairs(contact, indices=wider, scales=jnp.ones(wider.shape[1]))
     np.testing.assert_allclose(energy(positions, padded), reference, rtol=1e-13)
     few = with_pairs(contact, count=count - 30)
     garbage = with_pairs(few, indices=pairs.at[:, -30:].set(0))
@@ -108,7 +109,7 @@ def test_padding_and_order_do_not_matter(kind):
     none = with_pairs(garbage, count=0 * count)
     assert float(energy(positions, none)) == 0.0
     assert not np.any(force(positions, none))
-    active, smallest = active_pairs(positions, none.pairs, SETTINGS)
+    active, smallest, _ = active_pairs(positions, none.pairs, SETTINGS)
     assert not active.any() and float(smallest) == np.inf
 
 
@@ -126,7 +127,7 @@ def test_vertices_may_be_numbered_in_any_order(kind):
 @KIND
 def test_active_pairs_are_those_with_energy(kind):
     positions, contact = facing_sheets(kind)
-    active, smallest = active_pairs(positions, contact.pairs, SETTINGS)
+    active, smallest, _ = active_pairs(positions, contact.pairs, SETTINGS)
     squared = distances(positions, contact.pairs)
     np.testing.assert_array_equal(active, np.asarray(barrier(squared, SETTINGS)) > 0.0)
     assert 0 < int(active.sum()) < len(active)
@@ -261,7 +262,7 @@ def _sheet_energies(count: int, dhat: float) -> dict[PairKind, float]:
     energies = {}
     for kind, pairs in rows.items():
         padded = jnp.asarray(pad_columns(pairs.T, MOST_PAIRS))
-        padded = Pairs(padded, jnp.asarray(len(pairs)), kind)
+        padded = Pairs(padded, jnp.asarray(len(pairs)), jnp.ones(MOST_PAIRS), kind)
         stiffness = jnp.asarray(1.0, jnp.float64)
         contact = Contact(padded, jnp.asarray(areas), stiffness, settings)
         value = energy(jnp.asarray(positions), contact)

@@ -157,5 +157,5 @@ def test_a_predicted_start_is_nearer_and_touches_nothing(drape):
     into_body[:, 1] = -10.0
     stopped = predicted_start(simulator, changed, x, into_body)
     settings = simulator.settings
-    distance = _objective(simulator, changed, jnp.asarray(x)).smallest_distance(stopped)
+    distance = _objective(simulator, changed, jnp.asarray(x)).smallest_distances(stopped).plain
     assert distance > float(settings.thickness)

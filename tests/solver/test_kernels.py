@@ -72,7 +72,7 @@ def _pairs(rows, *, kind=PairKind.VERTEX_FACE, capacity=CAPACITY) -> Pairs:
     """Pairs padded to a capacity that no other test uses."""
     padded = np.zeros((4, capacity), np.int32)
     padded[:, : len(rows)] = np.array(rows, np.int32).T
-    return Pairs(jnp.asarray(padded), jnp.asarray(len(rows), jnp.int32), kind)
+    return Pairs(jnp.asarray(padded), jnp.asarray(len(rows), jnp.int32), jnp.ones(capacity), kind)
 
 
 BODY_PAIRS = [[vertex, 6, 7, 8] for vertex in range(6)]

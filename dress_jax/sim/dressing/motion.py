@@ -18,7 +18,7 @@ from dress_jax.contact.ccd import step_bound
 from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Parameters
-from dress_jax.geometry.intersection import minimum_distance
+from dress_jax.sim.objective import resting_objective
 from dress_jax.sim.simulator import Simulator
 from dress_jax.sim.solve import State, step
 from dress_jax.solver.newton import NewtonOptions
@@ -56,13 +56,13 @@ def motion_bound(
     """Part of a common motion of cloth and body that is free of collisions, in [0, 1]."""
     start = np.concatenate([positions, body])
     motion = np.concatenate([displacement, body_displacement])
-    thickness = float(simulator.settings.thickness)
-    rows = find_candidates(simulator.broad_phase, start, start + motion, 2.0 * thickness)
+    reach = 2.0 * float(simulator.settings.thickness) * simulator.contact_scales
+    rows = find_candidates(simulator.broad_phase, start, start + motion, reach)
     return float(
         step_bound(
             jnp.asarray(start),
             jnp.asarray(motion),
-            make_candidates(*rows),
+            make_candidates(*rows, scales=simulator.contact_scales),
             min_distance=simulator.settings.thickness,
         )
     )
@@ -165,20 +165,11 @@ class _Walk:
         self.positions = positions
         self.body = np.array(parameters.body_vertices)
         self.last_advance = 0.0
-        cloth_faces = np.asarray(simulator.cloth.faces).T
-        self._keep(
-            minimum_distance(
-                positions,
-                cloth_faces,
-                self.body,
-                simulator.body_faces,
-                reach=2.0 * float(simulator.settings.thickness),
-                weld_ids=simulator.weld_map,
-            )
-        )
+        objective = resting_objective(simulator, parameters, positions)
+        self._keep(objective.smallest_distances(positions).scaled)
 
     def _keep(self, smallest: float) -> None:
-        """Adapt the thickness to the smallest distance [m]."""
+        """Adapt the thickness to the smallest distance of a pair over its scale [m]."""
         wanted = float(self._simulator.settings.thickness)
         self._smallest = smallest
         self._loose.settings = replace(
@@ -197,7 +188,7 @@ class _Walk:
                 f"({int(report.self_intersections)} and {int(report.body_intersections)} crossings)"
             )
         self.positions = np.asarray(state.positions)
-        self._keep(float(report.smallest_distance))
+        self._keep(float(report.smallest_scaled_distance))
 
     def towards(self, target: np.ndarray) -> Iterator[tuple[float, float]]:
         """Advance to a shape; yields the distances that are left and that were to go [m]."""
