@@ -39,6 +39,7 @@ import numpy as np
 import trimesh
 
 from dress_jax.core.pytree import replace
+from dress_jax.energy.cloth import STRETCHING_LEAVES
 from dress_jax.energy.fabric import named_fabric
 from dress_jax.sim import Parameters, Simulator, adjoint, make_cloth, make_simulation
 from dress_jax.sim.sensitivity import static_sensitivity
@@ -156,7 +157,7 @@ def cases(side: int, runs: int, directions: int) -> dict[str, dict[str, Any]]:
     changed = replace(
         parameters,
         rest_positions=CHANGE * parameters.rest_positions,
-        stretching_stiffness=CHANGE * parameters.stretching_stiffness,
+        **{name: CHANGE * getattr(parameters, name) for name in STRETCHING_LEAVES},
         bending_stiffness=CHANGE * parameters.bending_stiffness,
     )
     _, warm = measure(simulator, changed, np.asarray(drape), runs, directions)

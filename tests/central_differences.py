@@ -77,3 +77,9 @@ def check_energy_derivatives(energy, arguments, *, step: float, tolerance: float
             err_msg=f"second order, argument {moved}",
         )
     return gradient
+
+
+def central_difference(function, size: float) -> float:
+    """Fourth-order central difference of a scalar function at zero."""
+    one, two = function(size) - function(-size), function(2 * size) - function(-2 * size)
+    return float((8 * one - two) / (12 * size))

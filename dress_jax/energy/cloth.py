@@ -48,8 +48,13 @@ class Parameters:
     Attributes:
         rest_positions: panel coordinates of the panel vertices [m], (p, 2).
         density: [kg/m^2], () or per triangle (f,).
-        stretching_stiffness: k_s [N/m], () or (f,).
-        poisson_ratio: used by the neo-Hookean membrane only, ().
+        stretching_stiffness: k_s [N/m] of an isotropic membrane, () or (f,).
+        poisson_ratio: of the neo-Hookean membrane; of the orthotropic one the geometric mean of
+            its two Poisson ratios, () or (f,).
+        warp_stiffness, weft_stiffness: tensile moduli times the thickness of the orthotropic
+            membrane [N/m], () or (f,).
+        shear_stiffness: its shear modulus times the thickness [N/m], () or (f,).
+        grain_angle: of its warp from the panel's +y, counter-clockwise [rad], () or (f,).
         bending_stiffness: flexural rigidity k_b [N m], () or per hinge (h,).
         gravity: [m/s^2], (3,).
         pin_targets: [m], (k, 3).
@@ -63,7 +68,11 @@ class Parameters:
     rest_positions: Float[Array, "p 2"]
     density: Float[Array, ""] | Float[Array, " f"]
     stretching_stiffness: Float[Array, ""] | Float[Array, " f"]
-    poisson_ratio: Float[Array, ""]
+    poisson_ratio: Float[Array, ""] | Float[Array, " f"]
+    warp_stiffness: Float[Array, ""] | Float[Array, " f"]
+    weft_stiffness: Float[Array, ""] | Float[Array, " f"]
+    shear_stiffness: Float[Array, ""] | Float[Array, " f"]
+    grain_angle: Float[Array, ""] | Float[Array, " f"]
     bending_stiffness: Float[Array, ""] | Float[Array, " h"]
     gravity: Float[Array, "3"]
     pin_targets: Float[Array, "k 3"]
@@ -72,6 +81,15 @@ class Parameters:
     body_vertices: Float[Array, "b 3"]
     barrier_stiffness: Float[Array, ""]
     friction_coefficient: Float[Array, ""]
+
+
+# Each membrane takes its own of them; whoever makes a cloth stiffer scales all.
+STRETCHING_LEAVES = (
+    "stretching_stiffness",
+    "warp_stiffness",
+    "weft_stiffness",
+    "shear_stiffness",
+)
 
 
 class Gravity(enum.Enum):

@@ -10,8 +10,8 @@ from dress_jax.core.components import Components
 from dress_jax.core.pytree import pytree
 from dress_jax.energy.bending import bending_energy
 from dress_jax.energy.cloth import Cloth, Parameters, vertex_masses
-from dress_jax.energy.membrane import membrane_energy
 from dress_jax.energy.rest import hinge_weights, rest_triangles
+from dress_jax.energy.stretching import stretching_energy
 
 
 @pytree
@@ -50,15 +50,9 @@ def weight(x: Components, step: TimeStep, parameters: Parameters, cloth: Cloth) 
 
 
 def membrane(x: Components, step: TimeStep, parameters: Parameters, cloth: Cloth) -> Array:
-    """Stretching, see `membrane_energy`."""
-    return membrane_energy(
-        x,
-        cloth.faces,
-        rest_triangles(parameters.rest_positions, cloth.rest_faces),
-        parameters.stretching_stiffness,
-        parameters.poisson_ratio,
-        cloth.membrane,
-    )
+    """Stretching, see `membrane` and `orthotropic`."""
+    rest = rest_triangles(parameters.rest_positions, cloth.rest_faces)
+    return stretching_energy(x, cloth.faces, rest, parameters, cloth.membrane)
 
 
 def bending(x: Components, step: TimeStep, parameters: Parameters, cloth: Cloth) -> Array:

@@ -16,11 +16,15 @@ class Fabric:
 
     Attributes:
         density: [kg/m^2].
-        stretching_stiffness: k_s [N/m]; a strip of this cloth has a tensile stiffness of about
-            2 k_s (1 + nu) per metre of width.
+        stretching_stiffness: k_s [N/m] of the isotropic membranes; a strip of this cloth has a
+            tensile stiffness of about 2 k_s (1 + nu) per metre of width.
         bending_stiffness: flexural rigidity [N m].
-        poisson_ratio: for the neo-Hookean membrane.
+        poisson_ratio: for the neo-Hookean membrane; for the orthotropic one the geometric mean of
+            its two Poisson ratios.
         friction: Coulomb's coefficient against body and cloth.
+        warp_stiffness, weft_stiffness, shear_stiffness: tensile moduli and shear modulus of the
+            orthotropic membrane, times the thickness [N/m]; where they are None, those of the
+            isotropic material of the same k_s and Poisson ratio.
     """
 
     density: float
@@ -28,16 +32,36 @@ class Fabric:
     bending_stiffness: float
     poisson_ratio: float = 0.3
     friction: float = 0.4
+    warp_stiffness: float | None = None
+    weft_stiffness: float | None = None
+    shear_stiffness: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("density", "stretching_stiffness", "bending_stiffness"):
+        for name in (
+            "density",
+            "stretching_stiffness",
+            "bending_stiffness",
+            "warp_stiffness",
+            "weft_stiffness",
+            "shear_stiffness",
+        ):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0.0):
+            if value is not None and not (np.isfinite(value) and value > 0.0):
                 raise InputError(f"{name} is {value}", where="fabric", mend="it must be positive")
         if not 0.0 <= self.poisson_ratio < 1.0:
             raise InputError(f"poisson_ratio is {self.poisson_ratio}", where="fabric")
         if not self.friction >= 0.0:
             raise InputError(f"friction is {self.friction}", where="fabric")
+
+    @property
+    def orthotropic_moduli(self) -> tuple[float, float, float]:
+        """Tensile moduli along warp and weft, and the shear modulus, times the thickness [N/m]."""
+        tensile = 2.0 * self.stretching_stiffness * (1.0 + self.poisson_ratio)
+        return (
+            tensile if self.warp_stiffness is None else self.warp_stiffness,
+            tensile if self.weft_stiffness is None else self.weft_stiffness,
+            self.stretching_stiffness if self.shear_stiffness is None else self.shear_stiffness,
+        )
 
 
 # Orders of magnitude of apparel fabrics: areal densities of trade descriptions, bending rigidities
@@ -87,6 +111,7 @@ def make_parameters(
         gravity: direction and strength.
     """
     scalar = jnp.asarray
+    warp, weft, shear = fabric.orthotropic_moduli
     pins = np.zeros((len(cloth.pins), 3)) if pin_targets is None else pin_targets
     body = np.zeros((0, 3)) if body_vertices is None else body_vertices
     return Parameters(
@@ -94,6 +119,10 @@ def make_parameters(
         density=scalar(fabric.density),
         stretching_stiffness=scalar(fabric.stretching_stiffness),
         poisson_ratio=scalar(fabric.poisson_ratio),
+        warp_stiffness=scalar(warp),
+        weft_stiffness=scalar(weft),
+        shear_stiffness=scalar(shear),
+        grain_angle=scalar(0.0),
         bending_stiffness=scalar(fabric.bending_stiffness),
         gravity=jnp.asarray(gravity.value),
         pin_targets=jnp.asarray(pins, float),

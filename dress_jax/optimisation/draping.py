@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
 from dress_jax.core.results import Result
-from dress_jax.energy.cloth import Parameters
+from dress_jax.energy.cloth import STRETCHING_LEAVES, Parameters
 from dress_jax.optimisation.problem import FitProblem
 from dress_jax.optimisation.report import FitInfo, StepOutcome
 from dress_jax.optimisation.state import Unknowns
@@ -86,7 +86,7 @@ def fitted_parameters(
     return replace(
         base,
         rest_positions=rest,
-        stretching_stiffness=base.stretching_stiffness * factor[0],
+        **{name: getattr(base, name) * factor[0] for name in STRETCHING_LEAVES},
         bending_stiffness=base.bending_stiffness * factor[1],
         pin_targets=base.pin_targets + pin_shift[None, :],
     )

@@ -32,10 +32,9 @@ from dress_jax.energy.membrane import (
     TRIANGLE_PAIRS,
     MembraneFrame,
     membrane_blocks,
-    membrane_energy,
-    membrane_frame,
 )
 from dress_jax.energy.rest import rest_triangles
+from dress_jax.energy.stretching import stretching_energy, stretching_frame
 from dress_jax.sim.kernels import Frame, make_contact, make_friction, with_body
 from dress_jax.solver.block_matrix import (
     BlockRows,
@@ -125,14 +124,7 @@ def _elastic_stencils(
 ) -> tuple[MembraneFrame, Float[Array, "4 3 h"], Float[Array, " h"]]:
     """What the projected blocks of triangles and hinges are made of."""
     x = c.split(positions)
-    triangles = membrane_frame(
-        x,
-        cloth.faces,
-        rest_triangles(parameters.rest_positions, cloth.rest_faces),
-        parameters.stretching_stiffness,
-        parameters.poisson_ratio,
-        cloth.membrane,
-    )
+    triangles = stretching_frame(x, parameters, cloth)
     vectors, stiffness = bending_vectors(
         x, cloth.hinges, rest_hinges(parameters, cloth), parameters.bending_stiffness
     )
@@ -173,14 +165,8 @@ def _exact_elastic(
     weights = rest_hinges(parameters, cloth)
 
     def stretched(own: Array) -> Array:
-        return membrane_energy(
-            c.split(own),
-            _own_indices(cloth.faces),
-            rest,
-            parameters.stretching_stiffness,
-            parameters.poisson_ratio,
-            cloth.membrane,
-        )
+        faces = _own_indices(cloth.faces)
+        return stretching_energy(c.split(own), faces, rest, parameters, cloth.membrane)
 
     def bent(own: Array) -> Array:
         return bending_energy(

@@ -20,11 +20,16 @@ from tests.central_differences import UNOPTIMIZED, check_energy_derivatives
 # Central differences with step 1e-5 on quantities of order one: error 1e-10 and rounding 1e-11,
 # times third derivatives of up to a hundred.
 FINITE_DIFFERENCE = 1e-6
+OTHER_MEMBRANES = (MembraneModel.NEO_HOOKEAN, MembraneModel.ORTHOTROPIC)
 ARRAYS = ("rest_positions", "gravity", "pin_targets")
 SCALARS = (
     "density",
     "stretching_stiffness",
     "poisson_ratio",
+    "warp_stiffness",
+    "weft_stiffness",
+    "shear_stiffness",
+    "grain_angle",
     "bending_stiffness",
     "pin_stiffness",
     "stitch_stiffness",
@@ -34,12 +39,13 @@ SCALARS = (
 def test_first_derivatives_of_every_term():
     """Each term on its own, in the positions and in every continuous parameter at once."""
     cloth, parameters, step, positions = garment()
-    stiff, _, _, _ = garment(MembraneModel.NEO_HOOKEAN)
+    others = [garment(model)[0] for model in OTHER_MEMBRANES]
 
     @functools.partial(jax.jit, compiler_options=UNOPTIMIZED)
     def terms(x, parameters):
         values = [term(c.split(x), step, parameters, cloth) for term in TERMS.values()]
-        return jnp.stack([*values, TERMS["membrane"](c.split(x), step, parameters, stiff)])
+        values += [TERMS["membrane"](c.split(x), step, parameters, other) for other in others]
+        return jnp.stack(values)
 
     check_grads(
         terms,
@@ -58,12 +64,12 @@ def test_second_derivatives_of_every_term():
     Of the sum of all terms: they are of the same size, so a fault in any of them shows.
     """
     cloth, parameters, step, positions = garment()
-    stiff, _, _, _ = garment(MembraneModel.NEO_HOOKEAN)
+    others = [garment(model)[0] for model in OTHER_MEMBRANES]
 
     def energy(x, *values):
         changed = replace(parameters, **dict(zip(ARRAYS + SCALARS, values, strict=True)))
-        other = TERMS["membrane"](c.split(x), step, changed, stiff)
-        return elastic_energy(x, step, changed, cloth) + other
+        total = elastic_energy(x, step, changed, cloth)
+        return total + sum(TERMS["membrane"](c.split(x), step, changed, o) for o in others)
 
     values = [getattr(parameters, name) for name in ARRAYS + SCALARS]
     arguments = (jnp.asarray(positions), *values)
@@ -96,10 +102,28 @@ def test_which_parameters_a_term_depends_on():
         assert found == LEAVES[name], name
 
 
-def test_neo_hookean_depends_on_the_poisson_ratio():
-    cloth, parameters, step, positions = garment(MembraneModel.NEO_HOOKEAN)
+@pytest.mark.parametrize(
+    ("model", "leaves"),
+    [
+        (MembraneModel.NEO_HOOKEAN, {"rest_positions", "stretching_stiffness", "poisson_ratio"}),
+        (
+            MembraneModel.ORTHOTROPIC,
+            {
+                "rest_positions",
+                "poisson_ratio",
+                "warp_stiffness",
+                "weft_stiffness",
+                "shear_stiffness",
+                "grain_angle",
+            },
+        ),
+    ],
+)
+def test_which_parameters_the_other_membranes_depend_on(model, leaves):
+    cloth, parameters, step, positions = garment(model)
     gradient = jax.grad(lambda p: TERMS["membrane"](columns(positions), step, p, cloth))(parameters)
-    assert float(gradient.poisson_ratio) != 0.0
+    found = {key for key, leaf in vars(gradient).items() if np.any(np.asarray(leaf) != 0.0)}
+    assert found == leaves
 
 
 def test_inertia_and_weight_are_backward_euler():

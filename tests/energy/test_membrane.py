@@ -17,7 +17,8 @@ from dress_jax.energy.membrane import (
 )
 from dress_jax.energy.rest import RestTriangles, rest_triangles
 
-MODELS = pytest.mark.parametrize("model", list(MembraneModel), ids=lambda model: model.value)
+ISOTROPIC = (MembraneModel.ARAP, MembraneModel.NEO_HOOKEAN)
+MODELS = pytest.mark.parametrize("model", ISOTROPIC, ids=lambda model: model.value)
 NU = 0.3
 STIFFNESS = 1.7
 

@@ -4,6 +4,7 @@ import numpy as np
 import trimesh
 
 from dress_jax.energy.fabric import Fabric
+from dress_jax.energy.membrane import MembraneModel
 from dress_jax.sim import make_cloth, make_simulator
 from dress_jax.solver import NewtonOptions
 
@@ -35,12 +36,18 @@ def ball(radius: float, subdivisions: int = 2) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(mesh.vertices), np.asarray(mesh.faces)
 
 
-def draped_sheet(count: int = 6, *, tolerance: float = 1e-12, **options):
+def draped_sheet(
+    count: int = 6,
+    *,
+    tolerance: float = 1e-12,
+    membrane: MembraneModel = MembraneModel.ARAP,
+    **options,
+):
     """A sheet pinned at two corners over a ball: cloth, simulator, rest, start, body."""
     rest, faces = sheet(count, 0.3)
     start = level(rest, 0.085)
     body, body_faces = ball(0.08)
-    cloth = make_cloth(faces, pins=np.array([0, count - 1]))
+    cloth = make_cloth(faces, pins=np.array([0, count - 1]), membrane=membrane)
     simulator = make_simulator(
         cloth,
         start,

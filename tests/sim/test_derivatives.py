@@ -9,6 +9,7 @@ from dress_jax.core.pytree import replace
 from dress_jax.energy.fabric import make_parameters
 from dress_jax.sim import State, static_solve, step
 from dress_jax.sim.adjoint import AdjointWarning, solve_exact
+from tests.central_differences import central_difference
 from tests.sim.scenes import SOFT, draped_sheet
 
 # Fourth-order differences of a solve converged to 1e-12 m: the noise of the solve over the step.
@@ -31,12 +32,6 @@ LEAVES = {
     "body_vertices": 3e-7,
     "barrier_stiffness": 0.3,
 }
-
-
-def central_difference(function, size: float) -> float:
-    """Fourth-order central difference at zero."""
-    one, two = function(size) - function(-size), function(2 * size) - function(-2 * size)
-    return float((8 * one - two) / (12 * size))
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from dress_jax.core.pytree import replace
-from dress_jax.energy.cloth import Parameters
+from dress_jax.energy.cloth import STRETCHING_LEAVES, Parameters
 from dress_jax.optimisation.draping import fitted_parameters, initial_unknowns
 from dress_jax.optimisation.gauss_newton.normal_equations import (
     Model,
@@ -327,7 +327,7 @@ def _parameter_change(
     _, factors, shift = _split(direction, like)
     return {
         "rest_positions": jax.jvp(rest, (vector,), (direction,))[1],
-        "stretching_stiffness": parameters.stretching_stiffness * factors[0],
+        **{name: getattr(parameters, name) * factors[0] for name in STRETCHING_LEAVES},
         "bending_stiffness": parameters.bending_stiffness * factors[1],
         "pin_targets": jnp.broadcast_to(shift[None, :], parameters.pin_targets.shape),
     }

@@ -1,0 +1,77 @@
+"""The membrane of a cloth: the energy and the Hessian of the model that it chose."""
+
+from jaxtyping import Array, Float
+
+from dress_jax.core.components import Components
+from dress_jax.energy.cloth import Cloth, Parameters
+from dress_jax.energy.deformation import principal_frame
+from dress_jax.energy.membrane import (
+    MembraneFrame,
+    MembraneModel,
+    isotropic_hessian,
+    membrane_energy,
+)
+from dress_jax.energy.orthotropic import (
+    OrthotropicStiffness,
+    orthotropic_energy,
+    orthotropic_hessian,
+)
+from dress_jax.energy.rest import RestTriangles, rest_triangles
+
+
+def orthotropic_stiffness(parameters: Parameters) -> OrthotropicStiffness:
+    """The leaves of the parameters that the orthotropic membrane takes."""
+    return OrthotropicStiffness(
+        warp=parameters.warp_stiffness,
+        weft=parameters.weft_stiffness,
+        shear=parameters.shear_stiffness,
+        poisson_ratio=parameters.poisson_ratio,
+        grain_angle=parameters.grain_angle,
+    )
+
+
+def stretching_energy(
+    positions: Components,
+    faces: Array,
+    rest: RestTriangles,
+    parameters: Parameters,
+    model: MembraneModel,
+) -> Float[Array, ""]:
+    """The energy of the membrane [J].
+
+    Args:
+        positions: components (3 of (n,)) of the vertices [m].
+        faces: vertices of each triangle, (3, f).
+        rest: of the same triangles.
+    """
+    if model is MembraneModel.ORTHOTROPIC:
+        return orthotropic_energy(positions, faces, rest, orthotropic_stiffness(parameters))
+    return membrane_energy(
+        positions,
+        faces,
+        rest,
+        parameters.stretching_stiffness,
+        parameters.poisson_ratio,
+        model,
+    )
+
+
+def stretching_frame(positions: Components, parameters: Parameters, cloth: Cloth) -> MembraneFrame:
+    """Hessians of the membrane in the triangles' principal frames, positive semidefinite.
+
+    Args:
+        positions: components (3 of (n,)) of the vertices [m].
+    """
+    rest = rest_triangles(parameters.rest_positions, cloth.rest_faces)
+    frame = principal_frame(positions, cloth.faces, rest)
+    if cloth.membrane is MembraneModel.ORTHOTROPIC:
+        hessian = orthotropic_hessian(frame, rest.areas, orthotropic_stiffness(parameters))
+    else:
+        hessian = isotropic_hessian(
+            frame,
+            rest.areas,
+            parameters.stretching_stiffness,
+            parameters.poisson_ratio,
+            cloth.membrane,
+        )
+    return MembraneFrame(frame.axes, frame.alpha, frame.beta, hessian)
