@@ -35,6 +35,11 @@ _COUNTED = {
     "rest_positions": "panel_vertices",
     "density": "faces",
     "stretching_stiffness": "faces",
+    "poisson_ratio": "faces",
+    "warp_stiffness": "faces",
+    "weft_stiffness": "faces",
+    "shear_stiffness": "faces",
+    "grain_angle": "faces",
     "bending_stiffness": "hinges",
     "pin_targets": "pins",
     "body_vertices": "body_vertices",
@@ -126,9 +131,7 @@ class Padding:
     def parameters(self, parameters: Parameters) -> Parameters:
         """Parameters of the padded cloth."""
         changes = {
-            name: jnp.asarray(
-                self._padded_leaf(np.asarray(getattr(parameters, name)), name, counted)
-            )
+            name: self._padded_leaf(np.asarray(getattr(parameters, name)), name, counted)
             for name, counted in _COUNTED.items()
             if np.ndim(getattr(parameters, name))
         }
@@ -144,15 +147,17 @@ class Padding:
         size = getattr(self.padded, _COUNTED[name])
         return np.stack([_filled(row, size) for row in rows])
 
-    def _padded_leaf(self, leaf: np.ndarray, name: str, counted: str) -> np.ndarray:
+    def _padded_leaf(self, leaf: np.ndarray, name: str, counted: str) -> Array:
         size, count = getattr(self.padded, counted), getattr(self.true, counted)
         if len(leaf) != count:
             what = counted.replace("_", " ")
             raise InputError(f"{name} has {len(leaf)} rows, the simulation has {count} {what}")
         if name == "rest_positions":
-            return _filled(leaf, size, _SQUARE[:, :2])
-        # Stiffnesses and densities are positive.
-        return _filled(leaf, size, np.ones(size - count) if np.ndim(leaf) == 1 else ())
+            return jnp.asarray(_filled(leaf, size, _SQUARE[:, :2]))
+        # What elements are made of stays within its bounds; where pins and the body are does not
+        # matter.
+        more = np.full(size - count, leaf[-1]) if leaf.ndim == 1 and count else ()
+        return jnp.asarray(_filled(leaf, size, more))
 
 
 def make_padding(cloth: Cloth, body_count: int) -> Padding:

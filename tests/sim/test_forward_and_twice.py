@@ -12,8 +12,9 @@ from dress_jax.energy.fabric import make_parameters
 from dress_jax.sim import static_solve, step
 from dress_jax.sim.adjoint import Linearization
 from dress_jax.sim.objective import StepObjective
+from tests.central_differences import central_difference
 from tests.sim.scenes import SOFT, draped_sheet
-from tests.sim.test_derivatives import LEAVES, central_difference, swinging_sheet
+from tests.sim.test_derivatives import LEAVES, swinging_sheet
 
 AGREEMENT = 1e-10  # of forward and reverse mode, relative
 SECOND_TOLERANCE = 1e-5  # of second derivatives against differences of the first

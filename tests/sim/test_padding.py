@@ -1,16 +1,19 @@
 """Shape buckets: what is padded changes nothing, and garments of similar size share programs."""
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
+from dress_jax.energy.cloth import Parameters
 from dress_jax.energy.elastic import TimeStep
 from dress_jax.energy.fabric import make_parameters
 from dress_jax.sim import kernels, make_cloth, make_simulator, matrices, static_solve
 from dress_jax.sim.objective import resting_objective
-from dress_jax.sim.padding import make_padding
+from dress_jax.sim.padding import _COUNTED, make_padding
 from tests.sim.scenes import SOFT, ball, draped_sheet, level, sheet
 
 
@@ -57,6 +60,13 @@ def test_per_triangle_values_are_padded():
     assert np.array_equal(np.asarray(padded.density)[: len(densities)], np.asarray(densities))
     with pytest.raises(InputError, match="density has 3 rows"):
         padding.parameters(replace(parameters, density=jnp.ones(3)))
+
+
+def test_every_parameter_is_known_to_padding():
+    """A leaf that counts something must be padded; the others are the same for every garment."""
+    names = {field.name for field in dataclasses.fields(Parameters)}
+    same = {"gravity", "pin_stiffness", "stitch_stiffness", "barrier_stiffness"}
+    assert names == {*_COUNTED, *same, "friction_coefficient"}
 
 
 def test_similar_garments_share_a_bucket():
