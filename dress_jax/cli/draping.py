@@ -1,4 +1,4 @@
-"""The commands `drape`, `render` and `check`. Heavy imports wait until a command runs."""
+"""The commands `drape` and `render`. Heavy imports wait until a command runs."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -88,29 +88,6 @@ def render(
     write_targets(out, targets, state.garment)
     wrote(out)
     return ExitCode.DONE
-
-
-@command
-def check(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that `drape` wrote.")],
-) -> ExitCode:
-    """Recount intersections and seams of a result exactly, by other code than the solver's."""
-    from dress_jax.application.check import check_result
-
-    counts = check_result(folder)
-    rows = [
-        ("vertices / faces", *(f"{c.vertices} / {c.faces}" for c in counts)),
-        ("intersections with itself", *(c.self_intersections for c in counts)),
-        ("intersections with the body", *(c.body_intersections for c in counts)),
-        ("smallest distance [mm]", *(1e3 * c.min_distance for c in counts)),
-        ("seams", *(c.seams for c in counts)),
-        ("open seams", *(c.open_seams for c in counts)),
-        ("largest seam gap [mm]", *(1e3 * c.seam_gap for c in counts)),
-        ("boundary loops", *(c.boundary_loops for c in counts)),
-        ("intersection-free", *(c.intersection_free for c in counts)),
-    ]
-    table(str(folder), rows, header=("", *(c.source for c in counts)))
-    return ExitCode.DONE if all(c.good for c in counts) else ExitCode.NOT_SOUND
 
 
 def _summary(report: dict[str, Any]) -> dict[str, Any]:

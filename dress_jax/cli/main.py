@@ -5,7 +5,8 @@ from typing import Annotated
 import typer
 
 from dress_jax import __version__
-from dress_jax.cli.draping import check, drape, render
+from dress_jax.cli.checking import check, gradcheck
+from dress_jax.cli.draping import drape, render
 from dress_jax.cli.environment import CACHE_VARIABLE
 from dress_jax.cli.fitting import demo, fit
 
@@ -46,7 +47,7 @@ def options(
     context.obj = {"cache": cache_dir}
 
 
-for _command in (drape, render, fit, check, demo):
+for _command in (drape, render, fit, check, gradcheck, demo):
     app.command()(_command)
 
 
