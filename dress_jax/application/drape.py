@@ -138,7 +138,9 @@ def drape_pattern(
         options=options.dressing,
         progress=lambda stage, done: fraction(progress, stage, done),
     )
-    dressed = _into_pose(dressed, rest, wearer, fabric, options, progress)
+    dressed = _into_pose(
+        dressed, discretization.face_names, rest, wearer, fabric, options, progress
+    )
     simulator, parameters = make_simulation(
         dressed.cloth,
         dressed.positions,
@@ -150,6 +152,7 @@ def drape_pattern(
         settings=options.contact,
         newton=options.newton,
         linear_solver=options.dressing.linear_solver,
+        face_names=discretization.face_names,
     )
     simulator.progress = newton(progress, "drape", options.newton.iteration_limit)
     drape = static_solve(simulator, parameters, jnp.asarray(dressed.positions))
@@ -169,6 +172,7 @@ def drape_pattern(
 
 def _into_pose(
     dressed: DressedGarment,
+    face_names: tuple[str, ...],
     rest: np.ndarray,
     wearer: Wearer,
     fabric: Fabric,
@@ -191,6 +195,7 @@ def _into_pose(
         gravity=Gravity.NONE,
         settings=options.contact,
         linear_solver=options.dressing.linear_solver,
+        face_names=face_names,
     )
     positions, body, pins = dressed.positions, wearer.start, dressed.pin_targets
     beneath = np.asarray(cKDTree(body).query(pins)[1], np.int64) if len(pins) else None

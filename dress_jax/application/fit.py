@@ -229,6 +229,7 @@ def _problem(
         settings=drape_options.contact,
         newton=drape_options.newton,
         linear_solver=drape_options.dressing.linear_solver,
+        face_names=discretization.face_names,
     )
     return make_problem(
         pattern,

@@ -3,6 +3,8 @@
 Positions in, positions and a report out; `implicit` makes it a differentiable function.
 """
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,8 +18,9 @@ from dress_jax.geometry.intersection import IntersectionCounts
 from dress_jax.sim.adjoint import Linearization
 from dress_jax.sim.inputs import StepInputs
 from dress_jax.sim.objective import StepObjective
+from dress_jax.sim.places import place_of_closest_pair, place_of_intersections
 from dress_jax.sim.simulator import Simulator
-from dress_jax.solver.newton import minimize
+from dress_jax.solver.newton import NewtonProgress, minimize
 
 
 @pytree
@@ -76,7 +79,7 @@ def solve_step(
     objective = StepObjective(simulator, inputs)
     x0 = np.asarray(inputs.step.start)
     _check_start(x0, objective)
-    solution = minimize(objective, x0, simulator.newton, progress=simulator.progress)
+    solution = minimize(objective, x0, simulator.newton, progress=_told(objective))
     x = solution.positions
     crossings = _count_intersections(x, objective)
     smallest = objective.smallest_distances(x)
@@ -92,6 +95,20 @@ def solve_step(
         body_intersections=jnp.asarray(crossings.body),
     )
     return jnp.asarray(x), report, Linearization(objective, x, solution.factorization)
+
+
+def _told(objective: StepObjective) -> Callable[[NewtonProgress], None]:
+    """Passes an iteration on to those who want to know about it."""
+    simulator = objective.simulator
+    body = np.asarray(objective.parameters.body_vertices)
+
+    def tell(progress: NewtonProgress) -> None:
+        if simulator.progress is not None:
+            simulator.progress(progress)
+        if simulator.observer is not None:
+            simulator.observer(progress.positions, body)
+
+    return tell
 
 
 def _count_intersections(x, objective: StepObjective) -> IntersectionCounts:
@@ -111,9 +128,11 @@ def _check_start(x0, objective: StepObjective) -> None:
     mend = "start from a state without intersections, or put the garment on with `dress`"
     crossings = _count_intersections(x0, objective)
     if crossings.self or crossings.body:
+        body = np.asarray(objective.parameters.body_vertices)
         raise InputError(
             f"the start state has {crossings.self} intersections of the cloth with itself and "
             f"{crossings.body} with the body",
+            where=place_of_intersections(objective.simulator, x0, body),
             mend=mend,
         )
     thickness = float(objective.simulator.settings.thickness)
@@ -122,6 +141,7 @@ def _check_start(x0, objective: StepObjective) -> None:
         raise InputError(
             f"the start state has a pair at {part:.4f} times its thickness (of up to "
             f"{thickness * 1e3:.4f} mm); pairs must be further apart",
+            where=place_of_closest_pair(objective, x0),
             mend=mend,
         )
 

@@ -134,6 +134,11 @@ class StepObjective:
             ),
         ]
 
+    def together(self, positions: Positions) -> Float[np.ndarray, "nb 3"]:
+        """Vertices of cloth and body as pairs number them: padded [m]."""
+        padding = self._padding
+        return np.concatenate([padding.positions(positions), padding.body(self._body)])
+
     def contacts(self, positions: Positions) -> list[Pairs]:
         """The pairs closer than dhat; all others have neither force nor stiffness."""
         if self._contacts is None or not np.array_equal(self._contacts_at, positions):
@@ -274,12 +279,13 @@ class StepObjective:
         """How far along the displacement no pair touches, in (0, 1] (S1.11)."""
         self._cover(positions, positions + displacement)
         assert self._candidates is not None
-        padding = self._padding
-        body = padding.body(self._body)
+        start = self.together(positions)
+        motion = np.zeros_like(start)
+        motion[: len(displacement)] = displacement
         return float(
             step_bound(
-                jnp.asarray(np.concatenate([padding.positions(positions), body])),
-                jnp.asarray(np.concatenate([padding.vectors(displacement), np.zeros_like(body)])),
+                jnp.asarray(start),
+                jnp.asarray(motion),
                 self._candidates,
                 min_distance=self.simulator.settings.thickness,
             )

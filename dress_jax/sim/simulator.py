@@ -5,7 +5,7 @@ every solve, so that all of them can be differentiated.
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -49,7 +49,10 @@ class Simulator:
         pattern, slots: sparsity of the current matrices; grows with self-contact.
         broad_phase: box trees.
         weld_map: vertices that are one, or about to become one, share a number.
+        face_names: the panel of each triangle, for messages, (f,).
         progress: called after every Newton iteration.
+        observer: called with the positions of cloth and body [m] after every Newton iteration and
+            after every motion of the body: with every state through which the cloth passes.
         clean_state: the last state that the exact intersection test found clean.
         last_end: the last step's end, for its derivatives.
     """
@@ -67,7 +70,9 @@ class Simulator:
     slots: ElasticSlots
     broad_phase: BroadPhase
     weld_map: Int[np.ndarray, " n"] | None = None
+    face_names: Sequence[str] | None = None
     progress: Callable[[NewtonProgress], None] | None = None
+    observer: Callable[[Float[np.ndarray, "n 3"], Float[np.ndarray, "b 3"]], None] | None = None
     clean_state: CleanState = dataclasses.field(default_factory=CleanState)
     last_end: LastEnd = dataclasses.field(default_factory=LastEnd)
 
@@ -100,6 +105,7 @@ def make_simulator(
     friction: bool = False,
     linear_solver: str = "auto",
     weld_map: Int[np.ndarray, " n"] | None = None,
+    face_names: Sequence[str] | None = None,
 ) -> Simulator:
     """Prepare a simulator for one cloth and one body topology.
 
@@ -115,6 +121,7 @@ def make_simulator(
         linear_solver: a name, see `solver.linear.available_solvers`.
         weld_map: vertices with the same number are, or are about to become, one vertex; primitives
             that share one do not collide. Default: none do.
+        face_names: the panel of each triangle, (f,); messages then name panels.
 
     Raises:
         InputError: arrays that do not fit each other.
@@ -132,6 +139,9 @@ def make_simulator(
         weld_map = np.asarray(weld_map)
         weld = np.concatenate([weld_map, weld_map.max() + 1 + np.arange(len(body))])
     mesh = make_collision_mesh(np.asarray(cloth.faces).T, n, triangles, len(body), weld_ids=weld)
+    count = cloth.faces.shape[1]
+    if face_names is not None and len(face_names) != count:
+        raise InputError(f"{len(face_names)} face_names, the cloth has {count} triangles")
     padding = make_padding(cloth, len(body))
     pattern, slots = elastic_slots(cloth.vertex_count, padding.cloth)
     scales = np.ones(n) if contact_scales is None else np.asarray(contact_scales, np.float64)
@@ -154,6 +164,7 @@ def make_simulator(
         slots=slots,
         broad_phase=make_broad_phase(mesh, np.concatenate([positions, body])),
         weld_map=weld_map,
+        face_names=face_names,
     )
 
 
@@ -170,6 +181,7 @@ def make_simulation(
     settings: ContactSettings | None = None,
     newton: NewtonOptions | None = None,
     linear_solver: str = "auto",
+    face_names: Sequence[str] | None = None,
 ) -> tuple[Simulator, Parameters]:
     """A simulator without friction, and parameters of one fabric, for the same cloth and body.
 
@@ -184,7 +196,7 @@ def make_simulation(
         body_vertices, body_faces: the body [m].
         pin_targets: where pins are held [m].
         gravity: direction and strength.
-        settings, newton, linear_solver: see `make_simulator`.
+        settings, newton, linear_solver, face_names: see `make_simulator`.
 
     Raises:
         InputError: arrays that do not fit each other.
@@ -207,6 +219,7 @@ def make_simulation(
         ),
         newton=newton,
         linear_solver=linear_solver,
+        face_names=face_names,
     )
     parameters = make_parameters(
         cloth,

@@ -1,7 +1,7 @@
 """From flat panels to a garment on a body (S8.1-S8.7)."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NoReturn
 
 import jax.numpy as jnp
@@ -143,6 +143,7 @@ def dress(
         tell("grow", number / len(parts))
         positions[component.vertices] = _grow(
             component,
+            [discretization.panel_names[panel] for panel in component.face_panel],
             joined.positions,
             collider,
             growth,
@@ -176,6 +177,7 @@ def dress(
 
 def _grow(
     component: Component,
+    face_names: Sequence[str],
     positions: np.ndarray,
     collider: Collider,
     growth: Growth,
@@ -206,6 +208,7 @@ def _grow(
             gravity=gravity,
             settings=settings,
             linear_solver=options.linear_solver,
+            face_names=face_names,
         )
         return simulator, replace(parameters, body_vertices=jnp.asarray(body))
 

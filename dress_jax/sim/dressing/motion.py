@@ -19,6 +19,7 @@ from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Parameters
 from dress_jax.sim.objective import resting_objective
+from dress_jax.sim.places import place_of_closest_pair
 from dress_jax.sim.simulator import Simulator
 from dress_jax.sim.solve import State, step
 from dress_jax.solver.newton import NewtonOptions
@@ -91,7 +92,9 @@ def follow_body(
         thickness from it and from each other.
 
     Raises:
-        InputError: the body cannot advance: the cloth is caught, for example between body parts.
+        InputError: the body cannot advance: the cloth is caught, for example between body parts
+            that close to less than its thickness; the message says where. The advances are
+            bounded below, so it comes in bounded time.
     """
     options = MotionOptions() if options is None else options
     walk = _Walk(simulator, parameters, np.array(positions, np.float64), options)
@@ -101,10 +104,14 @@ def follow_body(
         for left, whole in walk.towards(np.asarray(target)):
             stalled = stalled + 1 if walk.last_advance < _SMALLEST_ADVANCE else 0
             if stalled > _PATIENCE:
+                done = 100.0 * (number + 1.0 - left / whole) / len(targets)
                 raise InputError(
-                    f"the body cannot move on: after {100 * number // len(targets)} % of its way "
-                    "the cloth is caught between it and something else",
-                    mend="check that the garment can be put on this body in this pose",
+                    f"the body cannot move on: after {done:.0f} % of its way the cloth is caught "
+                    f"between it and something else, {1e3 * left:.2f} mm before a shape that it "
+                    "has to take",
+                    where=walk.tightest(),
+                    mend="check that the garment can be put on this body in this pose, and that "
+                    "body parts leave room for the thickness of the cloth between them",
                 )
             if progress is not None:
                 progress((number + 1.0 - left / whole) / len(targets))
@@ -177,6 +184,16 @@ class _Walk:
             thickness=jnp.asarray(min(wanted, _KEPT_SHARE * smallest), jnp.float64),
         )
 
+    def _tell(self) -> None:
+        if self._simulator.observer is not None:
+            self._simulator.observer(self.positions, self.body)
+
+    def tightest(self) -> str:
+        """Where the cloth is closest to anything, for messages."""
+        moved = replace(self._parameters, body_vertices=jnp.asarray(self.body))
+        objective = resting_objective(self._loose, moved, self.positions)
+        return place_of_closest_pair(objective, self.positions)
+
     def relax(self) -> None:
         """One implicit step of the cloth with the body at rest."""
         moved = replace(self._parameters, body_vertices=jnp.asarray(self.body))
@@ -202,6 +219,7 @@ class _Walk:
             still = np.zeros_like(self.positions)
             if self._bound(still, remaining) >= 1.0:
                 self.body = target
+                self._tell()
                 return
             part = min(1.0, self._options.longest_advance / distance)
             advance = part * remaining
@@ -211,6 +229,7 @@ class _Walk:
             self.positions = self.positions + taken * carried
             self.body = target if taken * part == 1.0 else self.body + taken * advance
             self.last_advance = taken * part * distance
+            self._tell()
             self.relax()
             yield distance - self.last_advance, whole
 
@@ -228,6 +247,7 @@ class _Walk:
             raise InputError(
                 f"parts of the cloth stay {1e3 * self._smallest:.4f} mm from each other or from "
                 f"the body, which is less than the thickness of {1e3 * wanted:.4f} mm",
+                where=self.tightest(),
                 mend="use a smaller thickness, or check that the garment fits this body",
             )
         self._simulator.pattern = self._loose.pattern
