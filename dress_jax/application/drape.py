@@ -1,6 +1,8 @@
 """From a pattern and a body to a draped garment (S8, S9.2)."""
 
 import dataclasses
+import fnmatch
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ from dress_jax.core.precision import require_float64
 from dress_jax.core.pytree import replace
 from dress_jax.core.results import Result
 from dress_jax.energy.cloth import Gravity, Parameters
-from dress_jax.energy.fabric import Fabric, named_fabric
+from dress_jax.energy.fabric import Fabrics, named_fabric
 from dress_jax.io.meshes import GarmentMesh
 from dress_jax.io.programs import drop_programs_when_many
 from dress_jax.io.results import DrapedState, write_result
@@ -49,6 +51,8 @@ class DrapeOptions:
     Attributes:
         edge_length: wanted edge length of the cloth's triangles [m].
         fabric: a name of `energy.fabric.FABRICS`.
+        panel_fabrics: names of panels, `*` and `?` allowed, each with the name of their fabric;
+            where several fit a panel, the last of them counts.
         newton: stopping rule of the final drape.
         dressing: how the garment is put on.
         contact: lengths of the contact model, None for the default.
@@ -56,6 +60,7 @@ class DrapeOptions:
 
     edge_length: float = EDGE_LENGTH
     fabric: str = FABRIC
+    panel_fabrics: tuple[tuple[str, str], ...] = ()
     newton: NewtonOptions = dataclasses.field(default_factory=NewtonOptions)
     dressing: DressingOptions = dataclasses.field(default_factory=DressingOptions)
     contact: ContactSettings | None = None
@@ -67,7 +72,28 @@ class DrapeOptions:
                 where="edge length",
                 mend=f"give metres, from {SMALLEST_EDGE_LENGTH} to {LARGEST_EDGE_LENGTH}",
             )
-        named_fabric(self.fabric)
+        for name in (self.fabric, *(fabric for _, fabric in self.panel_fabrics)):
+            named_fabric(name)
+
+    def fabrics(self, panel_names: Sequence[str]) -> Fabrics:
+        """The fabric of the garment, or where panels have their own, one per panel.
+
+        Raises:
+            InputError: a name that fits no panel.
+        """
+        if not self.panel_fabrics:
+            return named_fabric(self.fabric)
+        found = dict.fromkeys(panel_names, self.fabric)
+        for wanted, fabric in self.panel_fabrics:
+            fitting = fnmatch.filter(panel_names, wanted)
+            if not fitting:
+                raise InputError(
+                    f"no panel is called {wanted!r}",
+                    where="fabric of a panel",
+                    mend=f"panels are {', '.join(sorted(panel_names))}",
+                )
+            found.update(dict.fromkeys(fitting, fabric))
+        return tuple(named_fabric(found[name]) for name in panel_names)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -122,10 +148,10 @@ def drape_pattern(
     """
     require_float64("drape_pattern")
     options = DrapeOptions() if options is None else options
-    fabric = named_fabric(options.fabric)
     drop_programs_when_many()
     progress("mesh", 0, 1)
     discretization = discretize(pattern, options.edge_length)
+    fabric = options.fabrics(discretization.panel_names)
     rest = np.asarray(rest_positions(pattern_parameters(pattern), discretization))
     progress("mesh", 1, 1)
     dressed = dress(
@@ -138,14 +164,13 @@ def drape_pattern(
         options=options.dressing,
         progress=lambda stage, done: fraction(progress, stage, done),
     )
-    dressed = _into_pose(
-        dressed, discretization.face_names, rest, wearer, fabric, options, progress
-    )
+    dressed = _into_pose(dressed, discretization, rest, wearer, fabric, options, progress)
     simulator, parameters = make_simulation(
         dressed.cloth,
         dressed.positions,
         rest,
         fabric=fabric,
+        face_panel=np.asarray(discretization.face_panel),
         body_vertices=wearer.vertices,
         body_faces=wearer.faces,
         pin_targets=dressed.pin_targets,
@@ -172,10 +197,10 @@ def drape_pattern(
 
 def _into_pose(
     dressed: DressedGarment,
-    face_names: tuple[str, ...],
+    discretization: Discretization,
     rest: np.ndarray,
     wearer: Wearer,
-    fabric: Fabric,
+    fabric: Fabrics,
     options: DrapeOptions,
     progress: Progress,
 ) -> DressedGarment:
@@ -189,13 +214,14 @@ def _into_pose(
         dressed.positions,
         rest,
         fabric=fabric,
+        face_panel=np.asarray(discretization.face_panel),
         body_vertices=wearer.start,
         body_faces=wearer.faces,
         pin_targets=dressed.pin_targets,
         gravity=Gravity.NONE,
         settings=options.contact,
         linear_solver=options.dressing.linear_solver,
-        face_names=face_names,
+        face_names=discretization.face_names,
     )
     positions, body, pins = dressed.positions, wearer.start, dressed.pin_targets
     beneath = np.asarray(cKDTree(body).query(pins)[1], np.int64) if len(pins) else None
@@ -238,6 +264,8 @@ def draped_state(result: DrapeResult) -> DrapedState:
             **result.wearer.settings,
             "edge_length": result.options.edge_length,
             "fabric": result.options.fabric,
+            "panel_fabrics": [list(pair) for pair in result.options.panel_fabrics],
+            "membrane": result.options.dressing.membrane.value,
             "pattern": result.pattern.source,
         },
     )

@@ -30,7 +30,6 @@ from dress_jax.application.wearer import Wearer
 from dress_jax.core.errors import InputError
 from dress_jax.core.results import Result
 from dress_jax.energy.cloth import make_cloth
-from dress_jax.energy.fabric import named_fabric
 from dress_jax.io.results import DrapedState
 from dress_jax.optimisation import (
     AnyState,
@@ -222,7 +221,8 @@ def _problem(
         cloth,
         garment.vertices,
         garment.rest_positions,
-        fabric=named_fabric(drape_options.fabric),
+        fabric=drape_options.fabrics(discretization.panel_names),
+        face_panel=np.asarray(discretization.face_panel),
         body_vertices=start.body_vertices,
         body_faces=start.body_faces,
         pin_targets=start.pin_targets,

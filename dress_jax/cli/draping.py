@@ -1,12 +1,16 @@
 """The commands `drape` and `render`. Heavy imports wait until a command runs."""
 
+import enum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from dress_jax.cli.outcome import ExitCode, command
 from dress_jax.cli.show import stages, table, wrote
+
+if TYPE_CHECKING:
+    from dress_jax.application.drape import DrapeOptions
 
 PatternFile = Annotated[Path, typer.Argument(help="Pattern specification (JSON).")]
 Body = Annotated[
@@ -23,6 +27,26 @@ DressingPose = Annotated[
 Shape = Annotated[str, typer.Option(help="Shape of the default body, such as female, male_tall.")]
 EdgeLength = Annotated[float, typer.Option(help="Edge length of the cloth's triangles [m].")]
 FabricName = Annotated[str, typer.Option(help="cotton, denim, jersey, silk or wool.")]
+FabricOf = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="PANEL=FABRIC",
+        help="Another fabric for a panel, such as sleeve_left=silk or 'sleeve*=silk'; repeatable.",
+    ),
+]
+
+
+class Membrane(enum.Enum):
+    """How cloth stretches; values as in `energy.MembraneModel`, which is slow to import."""
+
+    ARAP = "arap"
+    NEO_HOOKEAN = "neo-hookean"
+    ORTHOTROPIC = "orthotropic"
+
+
+MembraneName = Annotated[
+    Membrane, typer.Option(help="orthotropic tells warp (the panels' y) from weft.")
+]
 NewtonLimit = Annotated[int, typer.Option(min=1, help="Newton steps of a drape at most.")]
 Out = Annotated[Path, typer.Option(help="Folder for the results; made where it is missing.")]
 
@@ -37,11 +61,12 @@ def drape(
     shape: Shape = "average",
     edge_length: EdgeLength = 0.015,
     fabric: FabricName = "cotton",
+    fabric_of: FabricOf = None,
+    membrane: MembraneName = Membrane.ARAP,
     newton_limit: NewtonLimit = 300,
 ) -> ExitCode:
     """Put a garment on a body and let it hang: meshes, pictures and a report."""
     from dress_jax.application.drape import (
-        DrapeOptions,
         drape_pattern,
         drape_report,
         save_drape,
@@ -50,13 +75,8 @@ def drape(
     from dress_jax.io.patterns import load_pattern
     from dress_jax.io.results import prepare_folder
     from dress_jax.io.timing import stopwatch
-    from dress_jax.solver import NewtonOptions
 
-    options = DrapeOptions(
-        edge_length=edge_length,
-        fabric=fabric,
-        newton=NewtonOptions(iteration_limit=newton_limit),
-    )
+    options = drape_options(edge_length, fabric, fabric_of, membrane, newton_limit)
     document = load_pattern(pattern)
     prepare_folder(out)
     wearer = find_wearer(body, pose=pose, shape=shape, dressing_pose=dressing_pose)
@@ -88,6 +108,41 @@ def render(
     write_targets(out, targets, state.garment)
     wrote(out)
     return ExitCode.DONE
+
+
+def drape_options(
+    edge_length: float,
+    fabric: str,
+    fabric_of: list[str] | None,
+    membrane: Membrane,
+    newton_limit: int,
+) -> "DrapeOptions":
+    """What the options of `drape` and `fit` say about the cloth.
+
+    Raises:
+        InputError: a fabric of a panel without an equals sign, or values out of range.
+    """
+    from dress_jax.application.drape import DrapeOptions
+    from dress_jax.core.errors import InputError
+    from dress_jax.energy.membrane import MembraneModel
+    from dress_jax.sim.dressing import DressingOptions
+    from dress_jax.solver import NewtonOptions
+
+    pairs = [text.partition("=") for text in fabric_of or ()]
+    for panel, equals, name in pairs:
+        if not (panel and equals and name):
+            raise InputError(
+                f"{panel + equals + name!r} names no panel and fabric",
+                where="--fabric-of",
+                mend="write PANEL=FABRIC, such as sleeve_left=silk",
+            )
+    return DrapeOptions(
+        edge_length=edge_length,
+        fabric=fabric,
+        panel_fabrics=tuple((panel, name) for panel, _, name in pairs),
+        newton=NewtonOptions(iteration_limit=newton_limit),
+        dressing=DressingOptions(membrane=MembraneModel(membrane.value)),
+    )
 
 
 def _summary(report: dict[str, Any]) -> dict[str, Any]:

@@ -11,11 +11,15 @@ from dress_jax.cli.draping import (
     DressingPose,
     EdgeLength,
     FabricName,
+    FabricOf,
+    Membrane,
+    MembraneName,
     NewtonLimit,
     Out,
     PatternFile,
     Pose,
     Shape,
+    drape_options,
 )
 from dress_jax.cli.outcome import ExitCode, command
 from dress_jax.cli.show import stages, table, wrote
@@ -39,6 +43,8 @@ def fit(
     shape: Shape = "average",
     edge_length: EdgeLength = 0.015,
     fabric: FabricName = "cotton",
+    fabric_of: FabricOf = None,
+    membrane: MembraneName = Membrane.ARAP,
     newton_limit: NewtonLimit = 300,
     iterations: Annotated[int, typer.Option(min=0, help="Steps at most.")] = 60,
     method: Annotated[
@@ -54,7 +60,6 @@ def fit(
     ] = None,
 ) -> ExitCode:
     """Fit a pattern to target views. Ctrl-C stops with a checkpoint; --resume goes on exactly."""
-    from dress_jax.application.drape import DrapeOptions
     from dress_jax.application.fit import FitInterrupted, fit_pattern, fit_report, scheduled
     from dress_jax.application.fit_files import save_fit
     from dress_jax.application.targets import read_targets
@@ -63,13 +68,8 @@ def fit(
     from dress_jax.io.results import prepare_folder
     from dress_jax.io.timing import stopwatch
     from dress_jax.optimisation import FitMethod
-    from dress_jax.solver import NewtonOptions
 
-    drape_options = DrapeOptions(
-        edge_length=edge_length,
-        fabric=fabric,
-        newton=NewtonOptions(iteration_limit=newton_limit),
-    )
+    cloth_options = drape_options(edge_length, fabric, fabric_of, membrane, newton_limit)
     fit_options = scheduled(
         iterations, method=FitMethod(method.value), views_per_iteration=views_per_iteration
     )
@@ -85,7 +85,7 @@ def fit(
                 wearer,
                 views,
                 out,
-                drape_options=drape_options,
+                drape_options=cloth_options,
                 fit_options=fit_options,
                 truth=true_pattern,
                 resume=resume,

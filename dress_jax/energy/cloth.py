@@ -90,6 +90,8 @@ STRETCHING_LEAVES = (
     "weft_stiffness",
     "shear_stiffness",
 )
+# Values of hinges; all others that vary belong to triangles.
+HINGE_LEAVES = ("bending_stiffness",)
 
 
 class Gravity(enum.Enum):

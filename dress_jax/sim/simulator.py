@@ -17,7 +17,7 @@ from dress_jax.contact.scales import contact_scales
 from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Cloth, Gravity, Parameters
-from dress_jax.energy.fabric import Fabric, make_parameters
+from dress_jax.energy.fabric import Fabrics, make_parameters
 from dress_jax.energy.rest import vertex_areas
 from dress_jax.sim.clean_state import CleanState
 from dress_jax.sim.last_end import LastEnd
@@ -173,7 +173,8 @@ def make_simulation(
     positions: Float[np.ndarray, "n 3"],
     rest_positions: Float[np.ndarray, "p 2"],
     *,
-    fabric: Fabric,
+    fabric: Fabrics,
+    face_panel: Int[np.ndarray, " f"] | None = None,
     body_vertices: Float[np.ndarray, "b 3"],
     body_faces: Int[np.ndarray, "k 3"],
     pin_targets: Float[np.ndarray, "k 3"] | None = None,
@@ -183,7 +184,7 @@ def make_simulation(
     linear_solver: str = "auto",
     face_names: Sequence[str] | None = None,
 ) -> tuple[Simulator, Parameters]:
-    """A simulator without friction, and parameters of one fabric, for the same cloth and body.
+    """A simulator without friction, and parameters for the same cloth and body.
 
     The contact model's lengths are reduced where the rest shape has triangles too small for them
     (`contact.scales`); without wishes also as a whole, to half of its median edge.
@@ -192,7 +193,8 @@ def make_simulation(
         cloth: topology of the garment.
         positions: typical positions [m], (n, 3).
         rest_positions: panel coordinates [m], (p, 2).
-        fabric: of the whole garment.
+        fabric: of the whole garment, or one per panel.
+        face_panel: panel of each triangle; needed where there is a fabric per panel.
         body_vertices, body_faces: the body [m].
         pin_targets: where pins are held [m].
         gravity: direction and strength.
@@ -225,6 +227,7 @@ def make_simulation(
         cloth,
         fabric,
         jnp.asarray(rest_positions),
+        face_panel=face_panel,
         body_vertices=jnp.asarray(body_vertices),
         pin_targets=None if pin_targets is None else jnp.asarray(pin_targets),
         gravity=gravity,

@@ -36,6 +36,9 @@ def test_a_broken_pattern_is_named_with_its_line(run, tmp_path):
     ("options", "parts"),
     [
         (("--fabric", "lead"), ("lead", "cotton")),
+        (("--fabric-of", "skirt_front=lead"), ("lead", "cotton")),
+        (("--fabric-of", "silk"), ("silk", "PANEL=FABRIC")),
+        (("--fabric-of", "sleeve=silk"), ("sleeve", "panels are")),
         (("--edge-length", "15"), ("edge length", "metres")),
         (("--pose", "handstand"), ("handstand", "relaxed")),
         (("--shape", "giant"), ("giant", "average")),

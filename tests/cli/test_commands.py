@@ -169,3 +169,17 @@ def test_a_drape_that_stops_early_is_written_and_told(inputs, run, tmp_path):
     assert report["converged"] is False
     assert "iteration limit" in report["result"]
     assert report["intersections"] == {"self": 0, "body": 0}
+
+
+def test_a_garment_of_two_fabrics_that_tells_warp_from_weft(inputs, run, tmp_path):
+    """The front of the skirt is of heavy denim: more mass hangs in front."""
+    result = run(
+        *("drape", inputs / "skirt.json", "--body", inputs / "body.obj"),
+        *("--edge-length", 0.06, "--fabric", "silk", "--fabric-of", "*front*=denim"),
+        *("--membrane", "orthotropic", "--out", tmp_path),
+    )
+    assert result.exit_code == 0, result.output
+    settings = json.loads((tmp_path / "report.json").read_text())["settings"]
+    assert settings["fabric"] == "silk"
+    assert settings["panel_fabrics"] == [["*front*", "denim"]]
+    assert settings["membrane"] == "orthotropic"

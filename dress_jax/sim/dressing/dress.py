@@ -12,7 +12,7 @@ from dress_jax.contact.barrier import ContactSettings
 from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Cloth, Gravity, make_cloth
-from dress_jax.energy.fabric import Fabric
+from dress_jax.energy.fabric import Fabrics
 from dress_jax.energy.membrane import MembraneModel
 from dress_jax.pattern import Discretization, placed_positions
 from dress_jax.sim.dressing.components import Component, split_components
@@ -89,7 +89,7 @@ def dress(
     body_vertices: Float[np.ndarray, "b 3"],
     body_faces: Int[np.ndarray, "k 3"],
     *,
-    fabric: Fabric,
+    fabric: Fabrics,
     settings: ContactSettings | None = None,
     options: DressingOptions | None = None,
     progress: Callable[[str, float], None] | None = None,
@@ -104,7 +104,7 @@ def dress(
         discretization: of the pattern.
         rest_positions: panel coordinates [m].
         body_vertices, body_faces: the body, in the pose for which the panels are placed [m].
-        fabric: used for dressing too.
+        fabric: of the whole garment, or one per panel; used for dressing too.
         settings: lengths of the contact model.
         options: see `DressingOptions`.
         progress: called with the stage's name and the fraction of it that is done.
@@ -181,7 +181,7 @@ def _grow(
     positions: np.ndarray,
     collider: Collider,
     growth: Growth,
-    fabric: Fabric,
+    fabric: Fabrics,
     settings: ContactSettings | None,
     options: DressingOptions,
     progress: Callable[[float], None],
@@ -202,6 +202,7 @@ def _grow(
             x,
             surface.rest_positions,
             fabric=fabric,
+            face_panel=component.face_panel,
             body_vertices=collider.vertices,
             body_faces=collider.faces,
             pin_targets=x[pins],
