@@ -26,7 +26,9 @@ DressingPose = Annotated[
 ]
 Shape = Annotated[str, typer.Option(help="Shape of the default body, such as female, male_tall.")]
 EdgeLength = Annotated[float, typer.Option(help="Edge length of the cloth's triangles [m].")]
-FabricName = Annotated[str, typer.Option(help="cotton, denim, jersey, silk or wool.")]
+FabricName = Annotated[
+    str, typer.Option(help="cotton, denim, jersey, silk, wool, or another of docs/fabrics.md.")
+]
 FabricOf = Annotated[
     list[str] | None,
     typer.Option(

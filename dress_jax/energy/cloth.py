@@ -54,8 +54,11 @@ class Parameters:
         warp_stiffness, weft_stiffness: tensile moduli times the thickness of the orthotropic
             membrane [N/m], () or (f,).
         shear_stiffness: its shear modulus times the thickness [N/m], () or (f,).
-        grain_angle: of its warp from the panel's +y, counter-clockwise [rad], () or (f,).
-        bending_stiffness: flexural rigidity k_b [N m], () or per hinge (h,).
+        grain_angle: of the warp, for stretching and bending, from the panel's +y, counter-clockwise
+            [rad], () or (f,).
+        bending_stiffness: flexural rigidity k_b [N m], the mean of warp and weft, () or per hinge
+            (h,).
+        bending_anisotropy: (B_warp - B_weft) / (B_warp + B_weft), between -2/3 and 2/3, () or (f,).
         gravity: [m/s^2], (3,).
         pin_targets: [m], (k, 3).
         pin_stiffness: [N/m], ().
@@ -74,6 +77,7 @@ class Parameters:
     shear_stiffness: Float[Array, ""] | Float[Array, " f"]
     grain_angle: Float[Array, ""] | Float[Array, " f"]
     bending_stiffness: Float[Array, ""] | Float[Array, " h"]
+    bending_anisotropy: Float[Array, ""] | Float[Array, " f"]
     gravity: Float[Array, "3"]
     pin_targets: Float[Array, "k 3"]
     pin_stiffness: Float[Array, ""]

@@ -10,7 +10,7 @@ from dress_jax.core.components import Components
 from dress_jax.core.pytree import pytree
 from dress_jax.energy.bending import bending_energy
 from dress_jax.energy.cloth import Cloth, Parameters, vertex_masses
-from dress_jax.energy.rest import hinge_weights, rest_triangles
+from dress_jax.energy.rest import hinge_anisotropy, hinge_weights, rest_triangles
 from dress_jax.energy.stretching import stretching_energy
 
 
@@ -85,15 +85,12 @@ TERMS: dict[str, Term] = {
 
 
 def rest_hinges(parameters: Parameters, cloth: Cloth) -> Float[Array, " h"]:
-    """The weights e/h of the cloth's hinges."""
-    areas = rest_triangles(parameters.rest_positions, cloth.rest_faces).areas
-    return hinge_weights(
-        parameters.rest_positions,
-        cloth.rest_faces,
-        areas,
-        cloth.hinge_faces,
-        cloth.hinge_corners,
-    )
+    """The weights e/h of the cloth's hinges, times their factors for warp and weft."""
+    rest, faces = parameters.rest_positions, cloth.rest_faces
+    hinges = cloth.hinge_faces, cloth.hinge_corners
+    weights = hinge_weights(rest, faces, rest_triangles(rest, faces).areas, *hinges)
+    directions = parameters.bending_anisotropy, parameters.grain_angle
+    return weights * hinge_anisotropy(rest, faces, *hinges, *directions)
 
 
 def elastic_energy(

@@ -1,6 +1,5 @@
-"""Fabrics as physical numbers, and the parameters of a solve made from them."""
+"""The parameters of a solve, made from fabrics."""
 
-import dataclasses
 from collections.abc import Sequence
 
 import jax.numpy as jnp
@@ -9,86 +8,12 @@ from jaxtyping import Array, Float, Int
 
 from dress_jax.core.errors import InputError
 from dress_jax.energy.cloth import HINGE_LEAVES, Cloth, Gravity, Parameters
+from dress_jax.energy.fabrics import FABRICS, named_fabric
+from dress_jax.energy.material import Fabric
 from dress_jax.energy.rest import rest_triangles
 from dress_jax.energy.spread import panels_to_triangles, triangles_to_hinges
 
-
-@dataclasses.dataclass(frozen=True)
-class Fabric:
-    """A fabric in SI units.
-
-    Attributes:
-        density: [kg/m^2].
-        stretching_stiffness: k_s [N/m] of the isotropic membranes; a strip of this cloth has a
-            tensile stiffness of about 2 k_s (1 + nu) per metre of width.
-        bending_stiffness: flexural rigidity [N m].
-        poisson_ratio: for the neo-Hookean membrane; for the orthotropic one the geometric mean of
-            its two Poisson ratios.
-        friction: Coulomb's coefficient against body and cloth.
-        warp_stiffness, weft_stiffness, shear_stiffness: tensile moduli and shear modulus of the
-            orthotropic membrane, times the thickness [N/m]; where they are None, those of the
-            isotropic material of the same k_s and Poisson ratio.
-    """
-
-    density: float
-    stretching_stiffness: float
-    bending_stiffness: float
-    poisson_ratio: float = 0.3
-    friction: float = 0.4
-    warp_stiffness: float | None = None
-    weft_stiffness: float | None = None
-    shear_stiffness: float | None = None
-
-    def __post_init__(self) -> None:
-        for name in (
-            "density",
-            "stretching_stiffness",
-            "bending_stiffness",
-            "warp_stiffness",
-            "weft_stiffness",
-            "shear_stiffness",
-        ):
-            value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0.0):
-                raise InputError(f"{name} is {value}", where="fabric", mend="it must be positive")
-        if not 0.0 <= self.poisson_ratio < 1.0:
-            raise InputError(f"poisson_ratio is {self.poisson_ratio}", where="fabric")
-        if not self.friction >= 0.0:
-            raise InputError(f"friction is {self.friction}", where="fabric")
-
-    @property
-    def orthotropic_moduli(self) -> tuple[float, float, float]:
-        """Tensile moduli along warp and weft, and the shear modulus, times the thickness [N/m]."""
-        tensile = 2.0 * self.stretching_stiffness * (1.0 + self.poisson_ratio)
-        return (
-            tensile if self.warp_stiffness is None else self.warp_stiffness,
-            tensile if self.weft_stiffness is None else self.weft_stiffness,
-            self.stretching_stiffness if self.shear_stiffness is None else self.shear_stiffness,
-        )
-
-
-# Orders of magnitude of apparel fabrics: areal densities of trade descriptions, bending rigidities
-# of KES-F handbooks (5e-6 to 5e-5 N m for shirting and suiting). The stretching stiffness is that
-# of a garment, with its weave slack and knit loops, below that of the yarns.
-FABRICS: dict[str, Fabric] = {
-    "cotton": Fabric(density=0.15, stretching_stiffness=400.0, bending_stiffness=1.0e-5),
-    "denim": Fabric(density=0.40, stretching_stiffness=1200.0, bending_stiffness=6.0e-5),
-    "jersey": Fabric(density=0.18, stretching_stiffness=120.0, bending_stiffness=4.0e-6),
-    "silk": Fabric(density=0.07, stretching_stiffness=250.0, bending_stiffness=3.0e-6),
-    "wool": Fabric(density=0.25, stretching_stiffness=500.0, bending_stiffness=2.5e-5),
-}
-
-
-def named_fabric(name: str) -> Fabric:
-    """A fabric of `FABRICS`.
-
-    Raises:
-        InputError: there is none of that name.
-    """
-    if name not in FABRICS:
-        raise InputError(f"unknown fabric {name!r}", mend=f"choose one of {sorted(FABRICS)}")
-    return FABRICS[name]
-
+__all__ = ["FABRICS", "Fabric", "Fabrics", "make_parameters", "named_fabric"]
 
 BARRIER_STIFFNESS = 1.0e3  # [Pa]; cloth presses on a body with 1 to 1000 Pa, so gaps stay near dhat
 PIN_STIFFNESS = 1.0e3  # [N/m]
@@ -124,7 +49,8 @@ def make_parameters(
         gravity: direction and strength.
 
     Raises:
-        InputError: a fabric per panel without `face_panel`, or too few fabrics.
+        InputError: a fabric per panel without `face_panel`, or
+            too few fabrics.
     """
     pins = np.zeros((len(cloth.pins), 3)) if pin_targets is None else pin_targets
     body = np.zeros((0, 3)) if body_vertices is None else body_vertices
@@ -182,4 +108,5 @@ def _numbers(fabric: Fabric) -> dict[str, float]:
         "weft_stiffness": weft,
         "shear_stiffness": shear,
         "bending_stiffness": fabric.bending_stiffness,
+        "bending_anisotropy": fabric.bending_anisotropy,
     }

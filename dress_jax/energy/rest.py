@@ -74,13 +74,51 @@ def hinge_weights(
         hinge_faces: the two triangles of each hinge.
         hinge_corners: the corner (0, 1, 2) opposite the shared edge in each of them.
     """
-    columns = c.split(rest_positions)
     lengths = []
     for side in range(2):
-        face, corner = hinge_faces[side], hinge_corners[side]
-        start = c.gather(columns, rest_faces[(corner + 1) % 3, face])
-        end = c.gather(columns, rest_faces[(corner + 2) % 3, face])
-        edge = c.subtract(end, start)
+        edge = _hinge_edge(rest_positions, rest_faces, hinge_faces[side], hinge_corners[side])
         lengths.append(jnp.sqrt(c.dot(edge, edge)))
     length = 0.5 * (lengths[0] + lengths[1])
     return length**2 / (areas[hinge_faces[0]] + areas[hinge_faces[1]])
+
+
+def _hinge_edge(
+    rest_positions: Float[Array, "p 2"],
+    rest_faces: Int[Array, "3 f"],
+    face: Int[Array, " h"],
+    corner: Int[Array, " h"],
+) -> c.Components:
+    """The shared edge of each hinge in the panel of one of its triangles [m]."""
+    columns = c.split(rest_positions)
+    start = c.gather(columns, rest_faces[(corner + 1) % 3, face])
+    end = c.gather(columns, rest_faces[(corner + 2) % 3, face])
+    return c.subtract(end, start)
+
+
+def hinge_anisotropy(
+    rest_positions: Float[Array, "p 2"],
+    rest_faces: Int[Array, "3 f"],
+    hinge_faces: Int[Array, "2 h"],
+    hinge_corners: Int[Array, "2 h"],
+    anisotropy: Float[Array, ""] | Float[Array, " f"],
+    grain_angle: Float[Array, ""] | Float[Array, " f"],
+) -> Float[Array, " h"]:
+    """How much stiffer or softer than the mean a hinge is for the direction in which it bends.
+
+    The factor is 1 + 3/2 a cos 2 phi, where phi is the angle from the warp to the direction across
+    the edge, and a = (B_warp - B_weft) / (B_warp + B_weft). Averaged over edges in all directions,
+    the plate then has B_warp and B_weft: the mean of cos^4 is 3/8, that of cos^4 cos 2 phi is 1/4.
+    Positive for |a| < 2/3, a ratio of five. A hinge on a seam takes the mean of its two sides.
+
+    Args:
+        anisotropy: a, () or (f,).
+        grain_angle: of the warp from the panel's +y, counter-clockwise [rad], () or (f,).
+    """
+    factors = []
+    for side in range(2):
+        face = hinge_faces[side]
+        ex, ey = _hinge_edge(rest_positions, rest_faces, face, hinge_corners[side])
+        a, grain = (v if v.ndim == 0 else v[face] for v in (anisotropy, grain_angle))
+        double = (ex * ex - ey * ey) * jnp.cos(2.0 * grain) + 2.0 * ex * ey * jnp.sin(2.0 * grain)
+        factors.append(1.0 + 1.5 * a * double / (ex * ex + ey * ey))
+    return 0.5 * (factors[0] + factors[1])

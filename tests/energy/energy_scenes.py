@@ -47,6 +47,7 @@ def garment(
         shear_stiffness=scalar(0.6),
         grain_angle=scalar(0.4),
         bending_stiffness=scalar(0.4),
+        bending_anisotropy=scalar(0.25),
         gravity=scalar([0.1, -1.0, 0.2]),
         pin_targets=scalar(rng.normal(size=(2, 3))),
         pin_stiffness=scalar(1.7),

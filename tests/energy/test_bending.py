@@ -10,7 +10,7 @@ from dress_jax.core import components as c
 from dress_jax.energy.bending import bending_energy, bending_vectors, hinge_angle
 from dress_jax.energy.cloth import make_cloth
 from dress_jax.energy.elastic import rest_hinges
-from dress_jax.energy.rest import hinge_weights, rest_triangles
+from dress_jax.energy.rest import hinge_anisotropy, hinge_weights, rest_triangles
 from tests.central_differences import UNOPTIMIZED
 
 K = 0.7
@@ -147,3 +147,42 @@ def test_force_opens_a_fold():
     slope = float(np.vdot(gradient, opening))
     # dE = theta dtheta, and dtheta = -1 along the opening; the chord is 0.05 rad off the arc.
     assert slope == pytest.approx(-3.0, rel=0.01)
+
+
+def test_warp_and_weft_of_a_rolled_sheet():
+    """Rolled along the warp it has B_warp, along the weft B_weft, in the mean over the mesh.
+
+    On equilateral triangles a harmonic cos 6 phi of the lattice is left, of opposite sign for a
+    warp that is turned by 30 degrees: the mean of the two has none.
+    """
+    warp, weft = 1.0, 0.4
+    mean, anisotropy = 0.5 * (warp + weft), (warp - weft) / (warp + weft)
+    radius = 2.0
+
+    @jax.jit
+    def energy(positions, rest, cloth, grain):
+        hinges = cloth.hinge_faces, cloth.hinge_corners
+        areas = rest_triangles(rest, cloth.rest_faces).areas
+        weights = hinge_weights(rest, cloth.rest_faces, areas, *hinges)
+        factors = hinge_anisotropy(rest, cloth.rest_faces, *hinges, jnp.asarray(anisotropy), grain)
+        stiffness = jnp.asarray(mean)
+        return bending_energy(c.split(positions), cloth.hinges, weights * factors, stiffness)
+
+    def rigidity(grain, turn):
+        """Across the cylinder's axis, at an angle to the warp; extrapolated to a fine mesh."""
+        values = []
+        for count in (8, 16):
+            rest, faces = _equilateral(count)
+            direction = np.pi / 2 + grain + turn
+            axis = np.array([np.cos(direction), np.sin(direction)])
+            u, v = rest @ axis, rest @ [-axis[1], axis[0]]
+            rolled = np.stack([radius * np.sin(u / radius), v, radius * np.cos(u / radius)], 1)
+            value = energy(
+                jnp.asarray(rolled), jnp.asarray(rest), make_cloth(faces), jnp.asarray(grain)
+            )
+            values.append(float(value) / (0.5 / radius**2 * np.sqrt(0.75)))
+        return 2.0 * values[1] - values[0]
+
+    for turn, expected in ((0.0, warp), (np.pi / 2, weft)):
+        both = [rigidity(grain, turn) for grain in (0.1, 0.1 + np.pi / 6)]
+        assert np.mean(both) == pytest.approx(expected, rel=1e-2)  # O(1/n^2) of either

@@ -31,6 +31,7 @@ SCALARS = (
     "shear_stiffness",
     "grain_angle",
     "bending_stiffness",
+    "bending_anisotropy",
     "pin_stiffness",
     "stitch_stiffness",
 )
@@ -81,7 +82,7 @@ LEAVES = {
     "inertia": {"rest_positions", "density"},
     "weight": {"rest_positions", "density", "gravity"},
     "membrane": {"rest_positions", "stretching_stiffness"},
-    "bending": {"rest_positions", "bending_stiffness"},
+    "bending": {"rest_positions", "bending_stiffness", "bending_anisotropy", "grain_angle"},
     "pins": {"pin_targets", "pin_stiffness"},
     "stitches": {"stitch_stiffness"},
 }

@@ -86,3 +86,23 @@ def test_adjoint_equals_finite_differences(drape, name):
     measured = central_difference(lambda t: loss(values + t * direction), size)
     assert abs(exact) > 0.0
     assert abs(exact - measured) <= ADJOINT_TOLERANCE * abs(measured)
+
+
+def test_bending_anisotropy_and_grain(drape):
+    """Of hinges that tell warp from weft, in both directions at once."""
+    _, simulator, parameters, _, positions = drape
+    weights = jnp.asarray(np.sin(np.arange(positions.size)).reshape(-1, 3))
+    base = replace(parameters, bending_anisotropy=jnp.asarray(0.3), grain_angle=jnp.asarray(0.2))
+    settled = static_solve(simulator, base, positions).positions
+
+    def loss(values):
+        changed = replace(base, bending_anisotropy=values[0], grain_angle=values[1])
+        return jnp.sum(weights * static_solve(simulator, changed, settled).positions)
+
+    at = jnp.asarray([0.3, 0.2])
+    exact = np.asarray(jax.grad(loss)(at))
+    for index, size in enumerate((1e-4, 1e-4)):
+        unit = jnp.zeros(2).at[index].set(1.0)
+        measured = central_difference(lambda t, unit=unit: loss(at + t * unit), size)
+        assert abs(exact[index]) > 0.0
+        assert abs(exact[index] - measured) <= ADJOINT_TOLERANCE * abs(measured)
