@@ -8,11 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from dress_jax.application.drape import FABRIC, DrapeOptions
 from dress_jax.application.progress import Progress, silent
 from dress_jax.core.precision import require_float64
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Parameters
-from dress_jax.energy.fabric import named_fabric
+from dress_jax.energy.membrane import MembraneModel
 from dress_jax.io.results import DrapedState
 from dress_jax.sim import Simulator, make_cloth, make_simulation, static_solve
 from dress_jax.sim.certificate import Certificate, certify
@@ -93,18 +94,24 @@ def simulation_of(state: DrapedState, newton: NewtonOptions) -> tuple[Simulator,
     Raises:
         InputError: the fabric that it names is unknown.
     """
-    garment = state.garment
+    garment, settings = state.garment, state.settings
+    options = DrapeOptions(
+        fabric=str(settings.get("fabric", FABRIC)),
+        panel_fabrics=tuple(map(tuple, settings.get("panel_fabrics", ()))),
+    )
     cloth = make_cloth(
         garment.faces,
         garment.rest_faces,
         vertex_count=len(garment.vertices),
         pins=np.asarray(state.pins, np.int32),
+        membrane=MembraneModel(settings.get("membrane", MembraneModel.ARAP.value)),
     )
     return make_simulation(
         cloth,
         garment.vertices,
         garment.rest_positions,
-        fabric=named_fabric(str(state.settings.get("fabric", "cotton"))),
+        fabric=options.fabrics(garment.panels),
+        face_panel=garment.face_panels,
         body_vertices=state.body_vertices,
         body_faces=state.body_faces,
         pin_targets=state.pin_targets,
