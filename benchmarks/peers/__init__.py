@@ -1,0 +1,1 @@
+"""dress_jax beside what else can be installed today, on the same scenes; see docs/benchmarks.md."""
