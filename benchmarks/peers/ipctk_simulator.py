@@ -7,7 +7,6 @@ the mollifier of nearly parallel edges, which ipctk measures with rest lengths.
 
 import numpy as np
 import scipy.sparse
-from jaxtyping import Float
 
 from benchmarks.peers import numpy_cloth
 from benchmarks.peers.assembly import FixedPattern, scatter

@@ -1,8 +1,8 @@
 """Membrane, bending, inertia, weight and pins in numpy: energies, gradients, Hessians of elements.
 
 ARAP: psi = |F - R|^2 = |F|^2 - 2 tr S + 2 with F = R S. With R = [r1 r2] and the normal n,
-d2psi = 2 I - (4 / tr S) t t^T - 2 (n n^T) x S^-1, t = (-r2, r1) / sqrt 2; the last two terms clamped
-at 2 leave a positive-semidefinite matrix.
+d2psi = 2 I - (4 / tr S) t t^T - 2 (n n^T) x S^-1, t = (-r2, r1) / sqrt 2; clamping the last two
+terms at 2 leaves a positive-semidefinite matrix.
 """
 
 import numpy as np
@@ -100,8 +100,8 @@ def bending_energy(x, hinge, rest: Rest, stiffness: float) -> float:
 def angle_gradient(x, hinge) -> tuple[Float[np.ndarray, " h"], Float[np.ndarray, "h 4 3"]]:
     """Angles [rad] and their derivatives in the four vertices [1/m].
 
-    The derivative in an opposite vertex is e n / |n|^2 along the normal n of its triangle, of length
-    twice the area; the ends of the edge balance it.
+    The derivative in an opposite vertex is e n / |n|^2 along the normal n of its triangle, twice
+    the area long; the ends of the edge balance it.
     """
     edge, length, left, right, to2, to3, angle = _hinge(x, hinge[:, :4])
     g2 = -(length / _dot(left, left))[:, None] * left

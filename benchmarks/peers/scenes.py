@@ -2,17 +2,20 @@
 
 import dataclasses
 import itertools
+from pathlib import Path
 
 import numpy as np
 import trimesh
 from jaxtyping import Float, Int
 
+# Drapes of `settle` by dress_jax, kept because folds fall differently on every machine.
+SETTLED = Path(__file__).parent / "settled"
 RADIUS = 0.3  # of the sphere [m]
 TABLE_RADIUS, TABLE_HEIGHT = 0.3, 0.05  # [m]
 GAP = 1.0e-3  # between a sheet and what it lies on at the start [m]
 _NOISE = 1e-5  # out of the plane [m]: exact tests of coplanar pairs are slow, and nothing is flat
-# By which the second sheet is turned [rad] and moved [m]: aligned meshes are a special case, and two
-# sheets that cover each other have more contacts than a garment.
+# By which the second sheet is turned [rad] and moved [m]: aligned meshes are a special case, and
+# two sheets that cover each other wholly have more contacts than a garment.
 _TURN, _SHIFT = 0.4, 0.55
 
 
@@ -149,9 +152,18 @@ def stack(vertices: int, *, steps: int) -> Scene:
     )
 
 
-def drape(vertices: int, settled: Float[np.ndarray, "n 3"], *, growth: float = 1.01) -> Scene:
-    """From a settled sheet, the static drape of one whose rest shape has grown."""
-    scene = drop(vertices, steps=0)
-    return dataclasses.replace(
-        scene, name="drape", start=settled, rest=growth * scene.rest, time_step=1.0
-    )
+def settle(vertices: int) -> Scene:
+    """The flat sheet of `drop`, straight to its static drape."""
+    return dataclasses.replace(drop(vertices, steps=0), name="settle", time_step=1.0)
+
+
+def drape(vertices: int, *, growth: float = 1.01) -> Scene:
+    """From a settled sheet, the static drape of one whose rest shape has grown.
+
+    Raises:
+        FileNotFoundError: no settled sheet of so many vertices is kept.
+    """
+    scene = settle(vertices)
+    with np.load(SETTLED / f"{len(scene.start)}.npz") as kept:
+        start = kept["positions"].astype(np.float64)
+    return dataclasses.replace(scene, name="drape", start=start, rest=growth * scene.rest)

@@ -1,3 +1,4 @@
+# ruff: noqa: UP018, RUF046 (Warp reads the source: int(0) is a variable, 0 a constant)
 """Broad phase by Warp's bounding volume hierarchies, active pairs, and ACCD."""
 
 import warp as wp

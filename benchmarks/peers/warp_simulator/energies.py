@@ -1,4 +1,4 @@
-"""Energy kernels, differentiated by Warp's tape, and kernels of work along a direction for the adjoint.
+"""Energy kernels, differentiated by Warp's tape.
 
 Contact takes the weights of the closest points as they are: by the envelope theorem the gradient
 needs nothing of how they change.

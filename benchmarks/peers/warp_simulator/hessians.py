@@ -1,3 +1,4 @@
+# ruff: noqa: UP018, RUF046, SIM109 (Warp reads the source: int(0) is a variable, 0 a constant)
 """Hessians of elements in closed form, as triplets of 3x3 blocks of an upper triangle.
 
 With `exact` zero they are positive semidefinite: the membrane's clamped, Gauss-Newton for bending,
