@@ -1,14 +1,15 @@
 """dress_jax beside its peers, on the same scenes with the same stopping rule.
 
     python -m benchmarks.peers [--vertices 2500 10000] [--only NAME ...] [--scenes NAME ...]
-                               [--steps 3] [--seconds 25] [--json peers.json]
+                               [--steps 2] [--seconds 20] [--json peers.json]
 
 Scenes: `drop` (a sheet falls onto a sphere, steps of 20 ms), `stack` (two sheets fall over a
 table), `drape` (a settled sheet whose rest shape grew by 1 %, static) and `settle` (a flat sheet to
 its static drape, for dress_jax and Newton physics). Every contestant runs in a process of its own.
 
 `ratio` is a time over that of dress_jax: of an iteration, and in total where both converged.
-`MB` is the peak memory of the process so far. `energy` is the potential energy of the end state by
+`cpu s` are the seconds of all threads, which other programs on the machine disturb less; `MB` is
+the peak memory of the process so far. `energy` is the potential energy of the end state by
 dress_jax's own functions, `mm` its smallest distance, `crossings` its exact intersections within
 the cloth and with the body. `gradient` is the backward pass of the static solve, `forward` its
 share of the solve. After --seconds no iteration of a scene begins. Compilation is not counted.
@@ -88,8 +89,8 @@ def main() -> None:
     parser.add_argument("--vertices", type=int, nargs="+", default=[2500, 10000])
     parser.add_argument("--only", nargs="+", choices=NAMES, default=list(NAMES))
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES))
-    parser.add_argument("--steps", type=int, default=3)
-    parser.add_argument("--seconds", type=float, default=25.0)
+    parser.add_argument("--steps", type=int, default=2)
+    parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     rows: list[dict[str, Any]] = []

@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 
 from benchmarks.peers.descent import Cholesky, Objective, Positions, minimize
-from benchmarks.peers.record import Run
+from benchmarks.peers.record import Clock, Run
 from benchmarks.peers.scenes import Scene
 
 
@@ -20,12 +20,12 @@ class StepObjective(Objective, Protocol):
 
 def march(objective: StepObjective, scene: Scene, solver: Cholesky, seconds: float) -> Run:
     """All steps of a scene from rest, or as many as the time allows."""
-    begun = time.perf_counter()
+    clock, deadline = Clock(), time.perf_counter() + seconds
     x, velocity = scene.start, np.zeros_like(scene.start)
     iterations, steps, converged, note = 0, 0, True, ""
     for _ in range(max(scene.steps, 1)):
         objective.begin(x, velocity)
-        solution = minimize(objective, x, scene, solver, deadline=begun + seconds)
+        solution = minimize(objective, x, scene, solver, deadline=deadline)
         iterations += solution.iterations
         converged = solution.converged
         velocity = (solution.positions - x) / scene.time_step
@@ -34,4 +34,4 @@ def march(objective: StepObjective, scene: Scene, solver: Cholesky, seconds: flo
             note = "out of time" if solution.out_of_time else "not converged"
             break
         steps += 1
-    return Run(x, time.perf_counter() - begun, iterations, steps, converged, note=note)
+    return Run(x, clock.seconds, iterations, steps, converged, clock.cpu_seconds, note=note)

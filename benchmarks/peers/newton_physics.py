@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.record import Run
+from benchmarks.peers.record import Clock, Run
 from benchmarks.peers.scenes import Scene
 
 FRAME = 0.02  # [s]
@@ -68,11 +68,11 @@ class NewtonCloth:
         before, after = model.state(), model.state()
         control, pipeline = model.control(), newton.CollisionPipeline(model)
         contacts = pipeline.contacts()
-        begun = time.perf_counter()
+        clock = Clock()
         done, converged, note = 0, not scene.steps, ""
         while done < frames:
-            if time.perf_counter() - begun > seconds:
-                note = "out of time"
+            if clock.seconds > seconds:
+                converged, note = False, "out of time"
                 break
             pipeline.collide(before, contacts)
             if hasattr(solver, "rebuild_bvh"):
@@ -89,9 +89,9 @@ class NewtonCloth:
         else:
             converged = bool(scene.steps)
             note = "" if converged else "not at rest"
-        seconds = time.perf_counter() - begun
+        seconds, cpu = clock.seconds, clock.cpu_seconds
         if not scene.steps:
             note = f"{note + ', ' if note else ''}{speed:.2f} m/s rms"
         positions = before.particle_q.numpy().astype(np.float64)
         count = done * SUBSTEPS * self.iterations
-        return Run(positions, seconds, count, done, converged and "out" not in note, note=note)
+        return Run(positions, seconds, count, done, converged, cpu, note=note)

@@ -10,8 +10,8 @@ from typing import Any
 OWN = "dress_jax"
 _HEAD = (
     f"{'scene':7s} {'contestant':15s} {'steps':>5s} {'iter.':>6s} {'ms/iter.':>9s} {'ratio':>6s} "
-    f"{'seconds':>8s} {'ratio':>6s} {'MB':>5s} {'contacts':>8s} {'energy J':>11s} {'mm':>7s} "
-    f"{'crossings':>9s} {'gradient':>8s} {'forward':>7s}  note"
+    f"{'seconds':>8s} {'ratio':>6s} {'cpu s':>7s} {'MB':>5s} {'contacts':>8s} "
+    f"{'energy J':>11s} {'mm':>7s} {'crossings':>9s} {'gradient':>8s} {'forward':>7s}  note"
 )
 
 
@@ -74,7 +74,8 @@ def line(row: dict[str, Any], own: dict[str, Any] | None) -> str:
         share = f"{100.0 * row['gradient_seconds'] / row['seconds']:6.1f}%"
     return (
         f"{left} {row['steps']:5d} {row['iterations']:6d} {each} {each_ratio} "
-        f"{row['seconds']:8.2f} {total_ratio} {row['peak_memory_mb']:5.0f} "
+        f"{row['seconds']:8.2f} {total_ratio} {row['cpu_seconds']:7.2f} "
+        f"{row['peak_memory_mb']:5.0f} "
         f"{row['contacts']:8d} {row['energy']:11.7f} {1e3 * row['smallest_distance']:7.4f} "
         f"{row['self_intersections']:4d}+{row['body_intersections']:<4d} {gradient} {share}  "
         f"{row['note']}"

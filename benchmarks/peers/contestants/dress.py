@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.peers.record import Run
+from benchmarks.peers.record import Clock, Run
 from benchmarks.peers.scenes import Scene
 from dress_jax.contact.barrier import contact_settings
 from dress_jax.core.pytree import replace
@@ -79,19 +79,19 @@ class Dress:
     def _once(self, scene: Scene, seconds: float) -> Run:
         simulator, parameters = build(scene)
         self.solver = simulator.linear_solver.name
-        begun = time.perf_counter()
+        clock = Clock()
 
         def watch(progress: NewtonProgress) -> None:
-            if time.perf_counter() - begun > seconds:
+            if clock.seconds > seconds:
                 raise _OutOfTimeError(progress)
 
         simulator.progress = watch
         if scene.steps:
-            return _dynamic(simulator, parameters, scene, begun)
-        return _static(simulator, parameters, scene, begun)
+            return _dynamic(simulator, parameters, scene, clock)
+        return _static(simulator, parameters, scene, clock)
 
 
-def _dynamic(simulator: Simulator, parameters: Parameters, scene: Scene, begun: float) -> Run:
+def _dynamic(simulator: Simulator, parameters: Parameters, scene: Scene, clock: Clock) -> Run:
     state = State(jnp.asarray(scene.start), jnp.zeros(scene.start.shape))
     iterations, steps = 0, 0
     try:
@@ -100,14 +100,14 @@ def _dynamic(simulator: Simulator, parameters: Parameters, scene: Scene, begun: 
             iterations += int(report.iterations)
             steps += 1
             if not report.converged:
-                return _run(state.positions, begun, iterations, steps - 1, "not converged")
+                return _run(state.positions, clock, iterations, steps - 1, "not converged")
     except _OutOfTimeError as stop:
         iterations += stop.progress.iteration
-        return _run(stop.progress.positions, begun, iterations, steps, "out of time")
-    return _run(state.positions, begun, iterations, steps, "")
+        return _run(stop.progress.positions, clock, iterations, steps, "out of time")
+    return _run(state.positions, clock, iterations, steps, "")
 
 
-def _static(simulator: Simulator, parameters: Parameters, scene: Scene, begun: float) -> Run:
+def _static(simulator: Simulator, parameters: Parameters, scene: Scene, clock: Clock) -> Run:
     def solve(parameters):
         drape = static_solve(simulator, parameters, scene.start)
         return drape.positions, drape.report
@@ -116,9 +116,9 @@ def _static(simulator: Simulator, parameters: Parameters, scene: Scene, begun: f
         positions, pull, report = jax.vjp(solve, parameters, has_aux=True)
     except _OutOfTimeError as stop:
         progress = stop.progress
-        return _run(progress.positions, begun, progress.iteration, 0, "out of time")
+        return _run(progress.positions, clock, progress.iteration, 0, "out of time")
     note = "" if report.converged else "not converged"
-    run = _run(positions, begun, int(report.iterations), int(report.converged), note)
+    run = _run(positions, clock, int(report.iterations), int(report.converged), note)
     pulled = time.perf_counter()
     gradient = jax.block_until_ready(pull(jnp.asarray(cotangent(scene))))
     seconds = time.perf_counter() - pulled
@@ -132,9 +132,9 @@ def cotangent(scene: Scene) -> np.ndarray:
     return np.random.default_rng(0).normal(size=scene.start.shape)
 
 
-def _run(positions, begun: float, iterations: int, steps: int, note: str) -> Run:
+def _run(positions, clock: Clock, iterations: int, steps: int, note: str) -> Run:
     positions = np.asarray(positions)
-    return Run(positions, time.perf_counter() - begun, iterations, steps, not note, note=note)
+    return Run(positions, clock.seconds, iterations, steps, not note, clock.cpu_seconds, note=note)
 
 
 def make() -> Dress:
