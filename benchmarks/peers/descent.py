@@ -64,8 +64,18 @@ class Solution:
     out_of_time: bool = False
 
 
+class Solver(Protocol):
+    """Solves symmetric positive-definite systems."""
+
+    name: str
+
+    def factorize(self, upper: scipy.sparse.csr_matrix) -> Any:
+        """A factorization with `solve`; either may raise `LinearSolveError`."""
+        ...
+
+
 class Cholesky:
-    """The direct solver of all peers: the one that dress_jax uses on this machine."""
+    """The direct solver of the peers: the one that dress_jax uses on this machine."""
 
     def __init__(self) -> None:
         self._solver = make_solver("auto")
@@ -85,7 +95,7 @@ def minimize(
     objective: Objective,
     start: Positions,
     scene: Scene,
-    solver: Cholesky,
+    solver: Solver,
     *,
     deadline: float = np.inf,
 ) -> Solution:

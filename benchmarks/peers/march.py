@@ -5,7 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
-from benchmarks.peers.descent import Cholesky, Objective, Positions, minimize
+from benchmarks.peers.descent import Objective, Positions, Solver, minimize
 from benchmarks.peers.record import Clock, Run
 from benchmarks.peers.scenes import Scene
 
@@ -18,7 +18,7 @@ class StepObjective(Objective, Protocol):
         ...
 
 
-def march(objective: StepObjective, scene: Scene, solver: Cholesky, seconds: float) -> Run:
+def march(objective: StepObjective, scene: Scene, solver: Solver, seconds: float) -> Run:
     """All steps of a scene from rest, or as many as the time allows."""
     clock, deadline = Clock(), time.perf_counter() + seconds
     x, velocity = scene.start, np.zeros_like(scene.start)

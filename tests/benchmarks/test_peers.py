@@ -18,6 +18,7 @@ from benchmarks.peers.judge import judge, objective
 from benchmarks.peers.march import march
 from dress_jax.sim import State, static_solve, step
 from dress_jax.sim.kernels import ELASTIC
+from dress_jax.solver.linear import LinearSolveError
 
 ROUNDING = 1e-11  # relative, of sums over hundreds of elements
 # ipctk compares the sine of nearly parallel edges with their rest lengths, dress_jax with their
@@ -180,6 +181,25 @@ def test_adjoints_agree(pushed, name):
         its = np.asarray(found[parameter]).reshape(mine.shape)
         limit = ADJOINT if name == "warp" else MOLLIFIED_ADJOINT
         np.testing.assert_allclose(its, mine, atol=limit * np.abs(mine).max())
+
+
+def test_conjugate_gradients_of_warp_solve_what_cholesky_solves(pressed):
+    scene, x, _ = pressed
+    peer = make_peer("warp", scene)
+    from benchmarks.peers.warp_simulator.iterative import WarpConjugateGradient
+
+    peer.step_bound(scene.start, x - scene.start)
+    b = np.random.default_rng(3).normal(size=x.size)
+    iterative, direct = WarpConjugateGradient("cpu"), Cholesky()
+    projected = peer.hessian(x, exact=False)
+    mine, its = (solver.factorize(projected).solve(b) for solver in (direct, iterative))
+    np.testing.assert_allclose(its, mine, atol=1e-5 * np.abs(mine).max())
+    values, vectors = np.linalg.eigh(_full(projected).toarray())
+    indefinite = projected - 2.0 * values[0] * scipy.sparse.identity(x.size, format="csr")
+    with pytest.raises(LinearSolveError):
+        direct.factorize(indefinite)
+    with pytest.raises(LinearSolveError):
+        iterative.factorize(indefinite).solve(vectors[:, 0])
 
 
 def test_both_adjoints_see_the_same_rest_shape_without_contact(pressed):

@@ -13,7 +13,11 @@ from dress_jax.solver.linear import LinearSolveError
 
 
 class WarpBaseline:
-    """Projected Newton and an adjoint in Warp; the matrix is factorized on the host."""
+    """Projected Newton and an adjoint in Warp.
+
+    On a CPU the matrix is factorized by the solver that dress_jax has; on CUDA, where that would
+    leave the device, it is solved by Warp's conjugate gradients.
+    """
 
     packages = ("warp-lang", "numpy", "scipy", "pypardiso")
 
@@ -23,8 +27,13 @@ class WarpBaseline:
         wp.config.quiet = True
         wp.init()
         self.device = "cuda" if wp.is_cuda_available() else "cpu"
-        self._cholesky = Cholesky()
-        self.solver = f"{self._cholesky.name}, kernels on {self.device}"
+        if self.device == "cpu":
+            self._solver = Cholesky()
+        else:
+            from benchmarks.peers.warp_simulator.iterative import WarpConjugateGradient
+
+            self._solver = WarpConjugateGradient(self.device)
+        self.solver = f"{self._solver.name}, kernels on {self.device}"
 
     def run(self, scene: Scene, seconds: float) -> Run:
         """All steps; the adjoint after a static solve that converged."""
@@ -34,17 +43,17 @@ class WarpBaseline:
         objective = WarpObjective(scene, self.device)
         _warm_up(objective)
         compiled = time.perf_counter() - begun
-        run = march(objective, scene, self._cholesky, seconds)
+        run = march(objective, scene, self._solver, seconds)
         run.compile_seconds = compiled
         if scene.steps or not run.converged:
             return run
         begun = time.perf_counter()
         try:
-            factor = self._cholesky.factorize(objective.hessian(run.positions, exact=True))
+            factor = self._solver.factorize(objective.hessian(run.positions, exact=True))
+            adjoint = factor.solve(cotangent(scene).ravel()).reshape(run.positions.shape)
         except LinearSolveError:
             run.note = "no stable minimum: no gradient"
             return run
-        adjoint = factor.solve(cotangent(scene).ravel()).reshape(run.positions.shape)
         objective.pulled_back(run.positions, adjoint)
         run.gradient_seconds = time.perf_counter() - begun
         return run
