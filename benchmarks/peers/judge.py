@@ -11,7 +11,7 @@ from benchmarks.peers.contestants.dress import build
 from benchmarks.peers.scenes import Scene
 from dress_jax.energy.elastic import TimeStep
 from dress_jax.geometry.intersection import count_intersections, minimum_distance
-from dress_jax.sim.kernels import make_frame
+from dress_jax.sim.inputs import StepInputs
 from dress_jax.sim.objective import StepObjective
 
 
@@ -26,15 +26,8 @@ def objective(
     jax.config.update("jax_enable_x64", True)
     simulator, parameters = build(scene)
     inverse = jnp.asarray(1.0 / scene.time_step if inertia else 0.0)
-    frame = make_frame(
-        parameters,
-        simulator.cloth,
-        TimeStep(jnp.asarray(start), jnp.asarray(velocity), inverse),
-        parameters.body_vertices,
-        simulator.body_areas,
-        simulator.settings,
-    )
-    return StepObjective(simulator, parameters, frame)
+    step = TimeStep(jnp.asarray(start), jnp.asarray(velocity), inverse)
+    return StepObjective(simulator, StepInputs(step, parameters, parameters.body_vertices))
 
 
 def judge(scene: Scene, positions: Float[np.ndarray, "n 3"]) -> dict[str, Any]:

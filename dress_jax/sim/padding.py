@@ -40,6 +40,7 @@ _COUNTED = {
     "weft_stiffness": "faces",
     "shear_stiffness": "faces",
     "grain_angle": "faces",
+    "bending_anisotropy": "faces",
     "bending_stiffness": "hinges",
     "pin_targets": "pins",
     "body_vertices": "body_vertices",
