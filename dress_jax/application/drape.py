@@ -20,6 +20,7 @@ from dress_jax.core.pytree import replace
 from dress_jax.core.results import Result
 from dress_jax.energy.cloth import Gravity, Parameters
 from dress_jax.energy.fabric import Fabrics, named_fabric
+from dress_jax.energy.panels import FacePanels
 from dress_jax.io.meshes import GarmentMesh
 from dress_jax.io.programs import drop_programs_when_many
 from dress_jax.io.results import DrapedState, write_result
@@ -164,20 +165,20 @@ def drape_pattern(
         options=options.dressing,
         progress=lambda stage, done: fraction(progress, stage, done),
     )
-    dressed = _into_pose(dressed, discretization, rest, wearer, fabric, options, progress)
+    panels = FacePanels(discretization.panel_names, np.asarray(discretization.face_panel))
+    dressed = _into_pose(dressed, rest, wearer, fabric, panels, options, progress)
     simulator, parameters = make_simulation(
         dressed.cloth,
         dressed.positions,
         rest,
         fabric=fabric,
-        face_panel=np.asarray(discretization.face_panel),
+        panels=panels,
         body_vertices=wearer.vertices,
         body_faces=wearer.faces,
         pin_targets=dressed.pin_targets,
         settings=options.contact,
         newton=options.newton,
         linear_solver=options.dressing.linear_solver,
-        face_names=discretization.face_names,
     )
     simulator.progress = newton(progress, "drape", options.newton.iteration_limit)
     drape = static_solve(simulator, parameters, jnp.asarray(dressed.positions))
@@ -197,10 +198,10 @@ def drape_pattern(
 
 def _into_pose(
     dressed: DressedGarment,
-    discretization: Discretization,
     rest: np.ndarray,
     wearer: Wearer,
     fabric: Fabrics,
+    panels: FacePanels,
     options: DrapeOptions,
     progress: Progress,
 ) -> DressedGarment:
@@ -214,14 +215,13 @@ def _into_pose(
         dressed.positions,
         rest,
         fabric=fabric,
-        face_panel=np.asarray(discretization.face_panel),
+        panels=panels,
         body_vertices=wearer.start,
         body_faces=wearer.faces,
         pin_targets=dressed.pin_targets,
         gravity=Gravity.NONE,
         settings=options.contact,
         linear_solver=options.dressing.linear_solver,
-        face_names=discretization.face_names,
     )
     positions, body, pins = dressed.positions, wearer.start, dressed.pin_targets
     beneath = np.asarray(cKDTree(body).query(pins)[1], np.int64) if len(pins) else None

@@ -30,6 +30,7 @@ from dress_jax.application.wearer import Wearer
 from dress_jax.core.errors import InputError
 from dress_jax.core.results import Result
 from dress_jax.energy.cloth import make_cloth
+from dress_jax.energy.panels import FacePanels
 from dress_jax.io.results import DrapedState
 from dress_jax.optimisation import (
     AnyState,
@@ -222,14 +223,13 @@ def _problem(
         garment.vertices,
         garment.rest_positions,
         fabric=drape_options.fabrics(discretization.panel_names),
-        face_panel=np.asarray(discretization.face_panel),
+        panels=FacePanels(discretization.panel_names, np.asarray(discretization.face_panel)),
         body_vertices=start.body_vertices,
         body_faces=start.body_faces,
         pin_targets=start.pin_targets,
         settings=drape_options.contact,
         newton=drape_options.newton,
         linear_solver=drape_options.dressing.linear_solver,
-        face_names=discretization.face_names,
     )
     return make_problem(
         pattern,

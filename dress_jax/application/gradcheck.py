@@ -14,6 +14,7 @@ from dress_jax.core.precision import require_float64
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Parameters
 from dress_jax.energy.membrane import MembraneModel
+from dress_jax.energy.panels import FacePanels
 from dress_jax.io.results import DrapedState
 from dress_jax.sim import Simulator, make_cloth, make_simulation, static_solve
 from dress_jax.sim.certificate import Certificate, certify
@@ -111,7 +112,7 @@ def simulation_of(state: DrapedState, newton: NewtonOptions) -> tuple[Simulator,
         garment.vertices,
         garment.rest_positions,
         fabric=options.fabrics(garment.panels),
-        face_panel=garment.face_panels,
+        panels=FacePanels(garment.panels, garment.face_panels),
         body_vertices=state.body_vertices,
         body_faces=state.body_faces,
         pin_targets=state.pin_targets,

@@ -10,6 +10,7 @@ from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import pytree, static
 from dress_jax.energy.membrane import MembraneModel
 from dress_jax.energy.rest import rest_triangles, vertex_areas
+from dress_jax.energy.strain_limit import StrainLimit
 from dress_jax.geometry.topology import hinges as find_hinges
 
 
@@ -66,6 +67,7 @@ class Parameters:
         body_vertices: [m], (b, 3).
         barrier_stiffness: contact pressure scale [Pa], ().
         friction_coefficient: Coulomb's mu, ().
+        strain_limit: a limit on the stretch of the triangles; None for none.
     """
 
     rest_positions: Float[Array, "p 2"]
@@ -85,6 +87,7 @@ class Parameters:
     body_vertices: Float[Array, "b 3"]
     barrier_stiffness: Float[Array, ""]
     friction_coefficient: Float[Array, ""]
+    strain_limit: StrainLimit | None = None
 
 
 # Each membrane takes its own of them; whoever makes a cloth stiffer scales all.

@@ -107,6 +107,12 @@ class FrameHessian(NamedTuple):
     coupling: ShearCoupling | None = None
 
 
+def add_isotropic(hessian: FrameHessian, isotropic: FrameHessian) -> FrameHessian:
+    """The sum of a Hessian and one without coupling, in the same frames."""
+    sums = (a + b for a, b in zip(hessian[:-1], isotropic[:-1], strict=True))
+    return FrameHessian(*sums, coupling=hessian.coupling)
+
+
 def project_symmetric(a: Array, b: Array, off: Array) -> tuple[Array, Array, Array]:
     """The positive-semidefinite part of [[a, off], [off, b]], in closed form."""
     mean, half = 0.5 * (a + b), 0.5 * (a - b)

@@ -12,12 +12,14 @@ from dress_jax.energy.fabrics import FABRICS, named_fabric
 from dress_jax.energy.material import Fabric
 from dress_jax.energy.rest import rest_triangles
 from dress_jax.energy.spread import panels_to_triangles, triangles_to_hinges
+from dress_jax.energy.strain_limit import StrainLimit
 
 __all__ = ["FABRICS", "Fabric", "Fabrics", "make_parameters", "named_fabric"]
 
 BARRIER_STIFFNESS = 1.0e3  # [Pa]; cloth presses on a body with 1 to 1000 Pa, so gaps stay near dhat
 PIN_STIFFNESS = 1.0e3  # [N/m]
 STITCH_STIFFNESS = 100.0  # [N/m]
+STRAIN_LIMIT_STIFFNESS = 10.0  # [N/m]; half way to a limit of 10 % it pulls with 240 N/m
 
 
 Fabrics = Fabric | Sequence[Fabric]  # of the whole garment, or one per panel
@@ -32,6 +34,7 @@ def make_parameters(
     body_vertices: Float[Array, "b 3"] | None = None,
     pin_targets: Float[Array, "k 3"] | None = None,
     gravity: Gravity = Gravity.DOWN,
+    strain_limit: float | None = None,
 ) -> Parameters:
     """Parameters of a garment of one fabric, or of one per panel.
 
@@ -47,14 +50,21 @@ def make_parameters(
         body_vertices: [m]; default no body.
         pin_targets: where pins are held [m].
         gravity: direction and strength.
+        strain_limit: no triangle may stretch by this factor or more, such as 1.1; None for no
+            limit. The state from which a solve starts must keep it.
 
     Raises:
-        InputError: a fabric per panel without `face_panel`, or
+        InputError: a strain limit that is not above 1, a fabric per panel without `face_panel`, or
             too few fabrics.
     """
     pins = np.zeros((len(cloth.pins), 3)) if pin_targets is None else pin_targets
     body = np.zeros((0, 3)) if body_vertices is None else body_vertices
     rest = jnp.asarray(rest_positions, float)
+    if strain_limit is not None and not (np.isfinite(strain_limit) and strain_limit > 1.0):
+        raise InputError(
+            f"the strain limit is {strain_limit}",
+            mend="give the largest stretch, a number above 1, such as 1.1",
+        )
     return Parameters(
         rest_positions=rest,
         grain_angle=jnp.asarray(0.0),
@@ -64,6 +74,9 @@ def make_parameters(
         stitch_stiffness=jnp.asarray(STITCH_STIFFNESS),
         body_vertices=jnp.asarray(body, float),
         barrier_stiffness=jnp.asarray(BARRIER_STIFFNESS),
+        strain_limit=None
+        if strain_limit is None
+        else StrainLimit(jnp.asarray(strain_limit), jnp.asarray(STRAIN_LIMIT_STIFFNESS)),
         **_fabric_leaves(cloth, fabric, rest, face_panel),
     )
 

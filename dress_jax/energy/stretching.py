@@ -4,7 +4,7 @@ from jaxtyping import Array, Float
 
 from dress_jax.core.components import Components
 from dress_jax.energy.cloth import Cloth, Parameters
-from dress_jax.energy.deformation import principal_frame
+from dress_jax.energy.deformation import add_isotropic, principal_frame
 from dress_jax.energy.membrane import (
     MembraneFrame,
     MembraneModel,
@@ -17,6 +17,7 @@ from dress_jax.energy.orthotropic import (
     orthotropic_hessian,
 )
 from dress_jax.energy.rest import RestTriangles, rest_triangles
+from dress_jax.energy.strain_limit import strain_limit_energy, strain_limit_hessian
 
 
 def orthotropic_stiffness(parameters: Parameters) -> OrthotropicStiffness:
@@ -37,7 +38,7 @@ def stretching_energy(
     parameters: Parameters,
     model: MembraneModel,
 ) -> Float[Array, ""]:
-    """The energy of the membrane [J].
+    """The energy of the membrane and of its strain limit, where it has one [J].
 
     Args:
         positions: components (3 of (n,)) of the vertices [m].
@@ -45,15 +46,19 @@ def stretching_energy(
         rest: of the same triangles.
     """
     if model is MembraneModel.ORTHOTROPIC:
-        return orthotropic_energy(positions, faces, rest, orthotropic_stiffness(parameters))
-    return membrane_energy(
-        positions,
-        faces,
-        rest,
-        parameters.stretching_stiffness,
-        parameters.poisson_ratio,
-        model,
-    )
+        energy = orthotropic_energy(positions, faces, rest, orthotropic_stiffness(parameters))
+    else:
+        energy = membrane_energy(
+            positions,
+            faces,
+            rest,
+            parameters.stretching_stiffness,
+            parameters.poisson_ratio,
+            model,
+        )
+    if parameters.strain_limit is None:
+        return energy
+    return energy + strain_limit_energy(positions, faces, rest, parameters.strain_limit)
 
 
 def stretching_frame(positions: Components, parameters: Parameters, cloth: Cloth) -> MembraneFrame:
@@ -74,4 +79,7 @@ def stretching_frame(positions: Components, parameters: Parameters, cloth: Cloth
             parameters.poisson_ratio,
             cloth.membrane,
         )
+    if parameters.strain_limit is not None:
+        limit = strain_limit_hessian(frame, rest.areas, parameters.strain_limit)
+        hessian = add_isotropic(hessian, limit)
     return MembraneFrame(frame.axes, frame.alpha, frame.beta, hessian)

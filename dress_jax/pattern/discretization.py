@@ -87,11 +87,6 @@ class Discretization:
         """Number of panels."""
         return len(self.panel_names)
 
-    @property
-    def face_names(self) -> tuple[str, ...]:
-        """The panel of each triangle by name, F of them."""
-        return tuple(self.panel_names[panel] for panel in np.asarray(self.face_panel))
-
 
 def samples_of_edge(
     discretization: Discretization, panel: int, edge: int

@@ -14,6 +14,9 @@ from dress_jax.core.errors import InputError
 from dress_jax.core.precision import require_float64
 from dress_jax.core.pytree import pytree
 from dress_jax.core.results import Result
+from dress_jax.energy.membrane import principal_stretches
+from dress_jax.energy.panels import triangle_place
+from dress_jax.energy.rest import rest_triangles
 from dress_jax.geometry.intersection import IntersectionCounts
 from dress_jax.sim.adjoint import Linearization
 from dress_jax.sim.inputs import StepInputs
@@ -71,14 +74,15 @@ def solve_step(
 
     Raises:
         RuntimeError: double precision is off.
-        InputError: arrays that do not fit the simulator or are not finite, or a start state closer
-            than the thickness.
+        InputError: arrays that do not fit the simulator or are not finite, a start state closer
+            than the thickness, or one beyond the strain limit.
     """
     require_float64("the cloth simulator")
     _validate(simulator, inputs)
     objective = StepObjective(simulator, inputs)
     x0 = np.asarray(inputs.step.start)
     _check_start(x0, objective)
+    _check_strain(x0, objective)
     solution = minimize(objective, x0, simulator.newton, progress=_told(objective))
     x = solution.positions
     crossings = _count_intersections(x, objective)
@@ -143,6 +147,25 @@ def _check_start(x0, objective: StepObjective) -> None:
             f"{thickness * 1e3:.4f} mm); pairs must be further apart",
             where=place_of_closest_pair(objective, x0),
             mend=mend,
+        )
+
+
+def _check_strain(x0, objective: StepObjective) -> None:
+    """Raise where a triangle of the start state is stretched to its limit or beyond."""
+    parameters, cloth = objective.parameters, objective.simulator.cloth
+    if parameters.strain_limit is None:
+        return
+    rest = rest_triangles(parameters.rest_positions, cloth.rest_faces)
+    stretch = np.asarray(principal_stretches(jnp.asarray(x0), cloth.faces, rest)[0])
+    limit = np.broadcast_to(np.asarray(parameters.strain_limit.stretch), stretch.shape)
+    beyond = np.flatnonzero(~(stretch < limit))
+    if len(beyond):
+        worst = int(beyond[np.argmax(stretch[beyond] / limit[beyond])])
+        raise InputError(
+            f"the start state stretches {len(beyond)} triangles to the strain limit or beyond, "
+            f"this one by {stretch[worst]:.4f} where {limit[worst]:.4f} is allowed",
+            where=triangle_place(worst, objective.simulator.panels),
+            mend="drape without the limit first, start from a state that keeps it, or raise it",
         )
 
 

@@ -14,6 +14,8 @@ from dress_jax.core.buckets import bucket_size, pad_columns
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Cloth, Parameters, vertex_masses
 from dress_jax.energy.elastic import TimeStep
+from dress_jax.energy.rest import rest_triangles
+from dress_jax.energy.strain_limit import strain_step_bound
 from dress_jax.sim import kernels, matrices
 from dress_jax.sim.inputs import StepInputs
 from dress_jax.sim.kernels import Frame, Kernels, make_frame
@@ -276,13 +278,15 @@ class StepObjective:
     # Steps
 
     def step_bound(self, positions: Positions, displacement: Positions) -> float:
-        """How far along the displacement no pair touches, in (0, 1] (S1.11)."""
+        """How far along the displacement no pair touches and no strain limit is reached, in (0, 1]
+        (S1.11).
+        """
         self._cover(positions, positions + displacement)
         assert self._candidates is not None
         start = self.together(positions)
         motion = np.zeros_like(start)
         motion[: len(displacement)] = displacement
-        return float(
+        bound = float(
             step_bound(
                 jnp.asarray(start),
                 jnp.asarray(motion),
@@ -290,6 +294,13 @@ class StepObjective:
                 min_distance=self.simulator.settings.thickness,
             )
         )
+        limit = self._padded.strain_limit
+        if limit is None:
+            return bound
+        cloth, padding = self._padding.cloth, self._padding
+        rest = rest_triangles(self._padded.rest_positions, cloth.rest_faces)
+        x, along = padding.positions(positions), padding.vectors(displacement)
+        return min(bound, float(strain_step_bound(x, along, cloth.faces, rest, limit)))
 
 
 def resting_objective(

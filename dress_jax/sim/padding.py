@@ -7,15 +7,15 @@ in and out of a solve) has the true sizes.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from dress_jax.core.buckets import bucket_size
 from dress_jax.core.errors import InputError
-from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Cloth, Parameters, make_cloth
 from dress_jax.energy.elastic import TimeStep
 from dress_jax.sim.inputs import StepInputs
@@ -41,6 +41,7 @@ _COUNTED = {
     "shear_stiffness": "faces",
     "grain_angle": "faces",
     "bending_anisotropy": "faces",
+    "strain_limit.stretch": "faces",
     "bending_stiffness": "hinges",
     "pin_targets": "pins",
     "body_vertices": "body_vertices",
@@ -100,21 +101,18 @@ class Padding:
 
     def rates(self, rates: StepInputs) -> StepInputs:
         """Changes of what a step depends on, zero where padded."""
-        step, parameters = rates.step, rates.parameters
-        changes = {
-            name: jnp.asarray(
-                _filled(np.asarray(getattr(parameters, name)), getattr(self.padded, counted))
-            )
-            for name, counted in _COUNTED.items()
-            if np.ndim(getattr(parameters, name))
-        }
+        step = rates.step
+        parameters = _each_counted(
+            lambda leaf, _, counted: jnp.asarray(_filled(leaf, getattr(self.padded, counted))),
+            rates.parameters,
+        )
         return StepInputs(
             TimeStep(
                 jnp.asarray(self.vectors(np.asarray(step.start))),
                 jnp.asarray(self.vectors(np.asarray(step.velocity))),
                 jnp.asarray(step.inverse_step),
             ),
-            replace(parameters, **changes),
+            parameters,
             jnp.asarray(self.body(np.asarray(rates.body_start))),
         )
 
@@ -131,12 +129,7 @@ class Padding:
 
     def parameters(self, parameters: Parameters) -> Parameters:
         """Parameters of the padded cloth."""
-        changes = {
-            name: self._padded_leaf(np.asarray(getattr(parameters, name)), name, counted)
-            for name, counted in _COUNTED.items()
-            if np.ndim(getattr(parameters, name))
-        }
-        return replace(parameters, **changes)
+        return _each_counted(self._padded_leaf, parameters)
 
     def directions(
         self, name: str, directions: Float[Array, "k *leaf"]
@@ -222,6 +215,24 @@ def make_padding(cloth: Cloth, body_count: int) -> Padding:
         true=true,
         padded=padded,
     )
+
+
+def _each_counted(
+    change: Callable[[np.ndarray, str, str], Array], parameters: Parameters
+) -> Parameters:
+    """Parameters, each leaf that counts something changed.
+
+    Args:
+        change: of its value, its name and what it counts.
+    """
+
+    def changed(path: tuple, leaf: Array) -> Array:
+        name = ".".join(key.name for key in path)
+        if name not in _COUNTED or not np.ndim(leaf):
+            return leaf
+        return change(np.asarray(leaf), name, _COUNTED[name])
+
+    return jax.tree_util.tree_map_with_path(changed, parameters)
 
 
 def _filled(rows: np.ndarray, size: int, after: Sequence | np.ndarray = ()) -> np.ndarray:

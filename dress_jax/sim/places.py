@@ -24,10 +24,11 @@ def place(
     """
     x, y, z = (f"{coordinate:.3f}" for coordinate in point)
     spot = f"near ({x}, {y}, {z}) m"
-    if simulator.face_names is None or not len(vertices):
+    panels = simulator.panels
+    if panels is None or not len(vertices):
         return spot
     touched = np.isin(np.asarray(simulator.cloth.faces).T, vertices).any(axis=1)
-    names = sorted({str(name) for name in np.asarray(simulator.face_names)[touched]})
+    names = sorted({panels.names[panel] for panel in np.unique(panels.face_panel[touched])})
     more = f" and {len(names) - _FEW} others" if len(names) > _FEW else ""
     return f"panels {names[:_FEW]}{more}, {spot}"
 

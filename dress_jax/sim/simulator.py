@@ -18,6 +18,7 @@ from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Cloth, Gravity, Parameters
 from dress_jax.energy.fabric import Fabrics, make_parameters
+from dress_jax.energy.panels import FacePanels
 from dress_jax.energy.rest import vertex_areas
 from dress_jax.sim.clean_state import CleanState
 from dress_jax.sim.last_end import LastEnd
@@ -49,10 +50,10 @@ class Simulator:
         pattern, slots: sparsity of the current matrices; grows with self-contact.
         broad_phase: box trees.
         weld_map: vertices that are one, or about to become one, share a number.
-        face_names: the panel of each triangle, for messages, (f,).
         progress: called after every Newton iteration.
         observer: called with the positions of cloth and body [m] after every Newton iteration and
             after every motion of the body: with every state through which the cloth passes.
+        panels: of the triangles, for messages; None where they are not known.
         clean_state: the last state that the exact intersection test found clean.
         last_end: the last step's end, for its derivatives.
     """
@@ -70,9 +71,9 @@ class Simulator:
     slots: ElasticSlots
     broad_phase: BroadPhase
     weld_map: Int[np.ndarray, " n"] | None = None
-    face_names: Sequence[str] | None = None
     progress: Callable[[NewtonProgress], None] | None = None
     observer: Callable[[Float[np.ndarray, "n 3"], Float[np.ndarray, "b 3"]], None] | None = None
+    panels: FacePanels | None = None
     clean_state: CleanState = dataclasses.field(default_factory=CleanState)
     last_end: LastEnd = dataclasses.field(default_factory=LastEnd)
 
@@ -105,7 +106,7 @@ def make_simulator(
     friction: bool = False,
     linear_solver: str = "auto",
     weld_map: Int[np.ndarray, " n"] | None = None,
-    face_names: Sequence[str] | None = None,
+    panels: FacePanels | None = None,
 ) -> Simulator:
     """Prepare a simulator for one cloth and one body topology.
 
@@ -121,7 +122,7 @@ def make_simulator(
         linear_solver: a name, see `solver.linear.available_solvers`.
         weld_map: vertices with the same number are, or are about to become, one vertex; primitives
             that share one do not collide. Default: none do.
-        face_names: the panel of each triangle, (f,); messages then name panels.
+        panels: of the triangles, for messages.
 
     Raises:
         InputError: arrays that do not fit each other.
@@ -140,8 +141,10 @@ def make_simulator(
         weld = np.concatenate([weld_map, weld_map.max() + 1 + np.arange(len(body))])
     mesh = make_collision_mesh(np.asarray(cloth.faces).T, n, triangles, len(body), weld_ids=weld)
     count = cloth.faces.shape[1]
-    if face_names is not None and len(face_names) != count:
-        raise InputError(f"{len(face_names)} face_names, the cloth has {count} triangles")
+    if panels is not None and len(panels.face_panel) != count:
+        raise InputError(
+            f"panels of {len(panels.face_panel)} triangles, the cloth has {count} triangles"
+        )
     padding = make_padding(cloth, len(body))
     pattern, slots = elastic_slots(cloth.vertex_count, padding.cloth)
     scales = np.ones(n) if contact_scales is None else np.asarray(contact_scales, np.float64)
@@ -164,7 +167,7 @@ def make_simulator(
         slots=slots,
         broad_phase=make_broad_phase(mesh, np.concatenate([positions, body])),
         weld_map=weld_map,
-        face_names=face_names,
+        panels=panels,
     )
 
 
@@ -174,11 +177,12 @@ def make_simulation(
     rest_positions: Float[np.ndarray, "p 2"],
     *,
     fabric: Fabrics,
-    face_panel: Int[np.ndarray, " f"] | None = None,
+    panels: FacePanels | None = None,
     body_vertices: Float[np.ndarray, "b 3"],
     body_faces: Int[np.ndarray, "k 3"],
     pin_targets: Float[np.ndarray, "k 3"] | None = None,
     gravity: Gravity = Gravity.DOWN,
+    strain_limit: float | None = None,
     settings: ContactSettings | None = None,
     newton: NewtonOptions | None = None,
     linear_solver: str = "auto",
@@ -194,11 +198,12 @@ def make_simulation(
         positions: typical positions [m], (n, 3).
         rest_positions: panel coordinates [m], (p, 2).
         fabric: of the whole garment, or one per panel.
-        face_panel: panel of each triangle; needed where there is a fabric per panel.
+        panels: of the triangles; needed where there is a fabric per panel, and named in messages.
         body_vertices, body_faces: the body [m].
         pin_targets: where pins are held [m].
         gravity: direction and strength.
-        settings, newton, linear_solver, face_names: see `make_simulator`.
+        strain_limit: largest stretch of a triangle, see `make_parameters`; None for no limit.
+        settings, newton, linear_solver: see `make_simulator`.
 
     Raises:
         InputError: arrays that do not fit each other.
@@ -221,16 +226,17 @@ def make_simulation(
         ),
         newton=newton,
         linear_solver=linear_solver,
-        face_names=face_names,
+        panels=panels,
     )
     parameters = make_parameters(
         cloth,
         fabric,
         jnp.asarray(rest_positions),
-        face_panel=face_panel,
+        face_panel=None if panels is None else panels.face_panel,
         body_vertices=jnp.asarray(body_vertices),
         pin_targets=None if pin_targets is None else jnp.asarray(pin_targets),
         gravity=gravity,
+        strain_limit=strain_limit,
     )
     return simulator, parameters
 

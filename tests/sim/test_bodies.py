@@ -15,6 +15,7 @@ from dress_jax.body.skeleton import joint_index
 from dress_jax.core.errors import InputError
 from dress_jax.energy.cloth import Gravity, make_cloth
 from dress_jax.energy.fabric import make_parameters
+from dress_jax.energy.panels import FacePanels
 from dress_jax.geometry.intersection import (
     count_intersections,
     edge_face_intersections,
@@ -120,7 +121,7 @@ def _closing(parts, gap):
         level(rest, 0.0),
         body_vertices=body,
         body_faces=body_faces,
-        face_names=["pocket"] * len(faces),
+        panels=FacePanels(("pocket",), np.zeros(len(faces), int)),
     )
     parameters = make_parameters(cloth, SOFT, rest, body_vertices=body, gravity=Gravity.NONE)
     return simulator, parameters, level(rest, 0.0), closed

@@ -7,17 +7,18 @@ import pytest
 from dress_jax.core.errors import InputError
 from dress_jax.energy.cloth import make_cloth
 from dress_jax.energy.fabric import make_parameters
+from dress_jax.energy.panels import FacePanels
 from dress_jax.sim import make_simulator, static_solve
 from tests.sim.scenes import SOFT, level, sheet
 
 REST, FACES = sheet(3, 0.2)
-NAMES = ["sleeve"] * len(FACES) + ["front"] * len(FACES) + ["back"] * len(FACES)
+PANELS = FacePanels(("sleeve", "front", "back"), np.repeat(np.arange(3), len(FACES)))
 FLOOR = np.array([[-2.0, -0.1, -1.0], [0.0, -0.1, 2.0], [2.0, -0.1, -1.0]])
 # The vertices of the floor far away, and the third sheet always far above the others.
 APART = (0.0, 0.05, 1.0)
 
 
-def _three_sheets(*, names=NAMES, heights=APART, tilt=0.0):
+def _three_sheets(*, panels: FacePanels | None = PANELS, heights=APART, tilt=0.0):
     """Sleeve, front and back above each other; the front tilted about its middle."""
     cloth = make_cloth(np.concatenate([FACES + len(REST) * k for k in range(3)]))
     layers = [level(REST, height) for height in heights]
@@ -29,7 +30,7 @@ def _three_sheets(*, names=NAMES, heights=APART, tilt=0.0):
         start,
         body_vertices=FLOOR,
         body_faces=np.array([[0, 1, 2]]),
-        face_names=names,
+        panels=panels,
     )
     rest = np.concatenate([REST + np.array([k, 0.0]) for k in range(3)])
     return simulator, make_parameters(cloth, SOFT, rest, body_vertices=FLOOR), jnp.asarray(start)
@@ -62,7 +63,7 @@ def test_panels_that_are_too_close_are_named():
 
 
 def test_without_names_the_place_is_given():
-    error = _refusal(names=None, heights=(0.0, 0.0, 1.0), tilt=0.5)
+    error = _refusal(panels=None, heights=(0.0, 0.0, 1.0), tilt=0.5)
     assert error.where.startswith("near (")
 
 
@@ -73,5 +74,5 @@ def test_a_clean_start_passes():
 
 
 def test_names_that_do_not_fit_are_refused():
-    with pytest.raises(InputError, match="face_names"):
-        _three_sheets(names=["front"])
+    with pytest.raises(InputError, match="panels of 1 triangles"):
+        _three_sheets(panels=FacePanels(("front",), np.zeros(1, int)))

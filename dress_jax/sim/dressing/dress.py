@@ -1,7 +1,7 @@
 """From flat panels to a garment on a body (S8.1-S8.7)."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NoReturn
 
 import jax.numpy as jnp
@@ -14,6 +14,7 @@ from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Cloth, Gravity, make_cloth
 from dress_jax.energy.fabric import Fabrics
 from dress_jax.energy.membrane import MembraneModel
+from dress_jax.energy.panels import FacePanels
 from dress_jax.pattern import Discretization, placed_positions
 from dress_jax.sim.dressing.components import Component, split_components
 from dress_jax.sim.dressing.growth import (
@@ -143,11 +144,11 @@ def dress(
         tell("grow", number / len(parts))
         positions[component.vertices] = _grow(
             component,
-            [discretization.panel_names[panel] for panel in component.face_panel],
             joined.positions,
             collider,
             growth,
             fabric,
+            discretization.panel_names,
             settings,
             options,
             lambda done, number=number: tell("grow", (number + done) / len(parts)),
@@ -177,11 +178,11 @@ def dress(
 
 def _grow(
     component: Component,
-    face_names: Sequence[str],
     positions: np.ndarray,
     collider: Collider,
     growth: Growth,
     fabric: Fabrics,
+    panel_names: tuple[str, ...],
     settings: ContactSettings | None,
     options: DressingOptions,
     progress: Callable[[float], None],
@@ -202,14 +203,13 @@ def _grow(
             x,
             surface.rest_positions,
             fabric=fabric,
-            face_panel=component.face_panel,
+            panels=FacePanels(panel_names, component.face_panel),
             body_vertices=collider.vertices,
             body_faces=collider.faces,
             pin_targets=x[pins],
             gravity=gravity,
             settings=settings,
             linear_solver=options.linear_solver,
-            face_names=face_names,
         )
         return simulator, replace(parameters, body_vertices=jnp.asarray(body))
 
