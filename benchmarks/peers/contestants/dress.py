@@ -119,6 +119,7 @@ def _static(simulator: Simulator, parameters: Parameters, scene: Scene, clock: C
         return _run(progress.positions, clock, progress.iteration, 0, "out of time")
     note = "" if report.converged else "not converged"
     run = _run(positions, clock, int(report.iterations), int(report.converged), note)
+    jax.block_until_ready(pull(jnp.asarray(cotangent(scene))))  # compiled, if it was not yet
     pulled = time.perf_counter()
     gradient = jax.block_until_ready(pull(jnp.asarray(cotangent(scene))))
     seconds = time.perf_counter() - pulled
