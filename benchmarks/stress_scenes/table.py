@@ -160,16 +160,23 @@ def slivers(fine: int) -> Scene:
 
 
 def coincident(fine: int) -> Scene:
-    """Equal meshes above each other and above an equal body: edges parallel, vertices in line."""
+    """Equal meshes between equal plates that close: edges parallel, vertices in line."""
     rest, faces = sheet(6 * fine, 0.12)
     layers = [level(rest, 0.004 + 0.004 * number) for number in range(3)]
+    body, body_faces = together((level(rest, 0.0), faces), (level(rest, 0.016), faces[:, ::-1]))
 
     def act(simulator, parameters, positions):
-        velocity = np.array([0.0, -0.5, 0.0])
-        return fall(simulator, parameters, positions, steps=8, time_step=0.02, velocity=velocity)
+        closed = body.copy()
+        closed[len(rest) :, 1] = 0.006
+        return follow_body(simulator, parameters, positions, closed[None])
 
-    body = level(rest, 0.0)
-    return make_scene(*copies(rest, faces, 3), np.concatenate(layers), act, body=(body, faces))
+    return make_scene(
+        *copies(rest, faces, 3),
+        np.concatenate(layers),
+        act,
+        body=(body, body_faces),
+        gravity=Gravity.NONE,
+    )
 
 
 def many_sizes(fine: int) -> Scene:
