@@ -9,8 +9,10 @@ from jaxtyping import Array, Float, Int
 from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import pytree, static
 from dress_jax.energy.membrane import MembraneModel
+from dress_jax.energy.panels import FacePanels
 from dress_jax.energy.rest import rest_triangles, vertex_areas
 from dress_jax.energy.strain_limit import StrainLimit
+from dress_jax.energy.surface import check_faces, check_indices
 from dress_jax.geometry.topology import hinges as find_hinges
 
 
@@ -116,6 +118,7 @@ def make_cloth(
     pins: Int[np.ndarray, " k"] | None = None,
     stitches: Int[np.ndarray, "s 2"] | None = None,
     membrane: MembraneModel = MembraneModel.ARAP,
+    panels: FacePanels | None = None,
 ) -> Cloth:
     """Build the index arrays of a garment mesh.
 
@@ -125,18 +128,23 @@ def make_cloth(
         vertex_count: number of vertices; default the largest index plus one.
         pins: vertices to hold.
         stitches: pairs of vertices to pull together.
+        panels: of the triangles, for messages.
 
     Raises:
-        InputError: the mesh is not manifold or its index arrays disagree.
+        InputError: the mesh is not manifold or its index arrays disagree; the message names
+            triangle and edge, and the panel where it is known.
     """
     faces = np.asarray(faces, np.int32)
     rest_faces = faces if rest_faces is None else np.asarray(rest_faces, np.int32)
     if faces.shape != rest_faces.shape:
         raise InputError(f"{len(faces)} triangles but {len(rest_faces)} rest triangles")
-    hinges = find_hinges(faces)
     count = int(faces.max()) + 1 if vertex_count is None else vertex_count
+    check_faces(faces, count, panels)
+    hinges = find_hinges(faces)
     pins = np.zeros(0, np.int32) if pins is None else np.asarray(pins, np.int32)
     stitches = np.zeros((0, 2), np.int32) if stitches is None else np.asarray(stitches, np.int32)
+    check_indices("pins", pins, count)
+    check_indices("stitches", stitches.ravel(), count)
 
     def columns(rows: np.ndarray) -> Array:
         return jnp.asarray(np.ascontiguousarray(rows.T), jnp.int32)

@@ -3,10 +3,12 @@
 import numpy as np
 
 from dress_jax.core.errors import InputError
+from dress_jax.geometry.polygons import signed_area
 from dress_jax.pattern.model import Panel, Pattern, Side
 from dress_jax.pattern.outline import crossing_edges, fine_outline
 
 _MIN_EDGES = 3
+_FLAT = 1e-9  # area over the square of the longer side of the bounding box
 MIN_CHORD = 1e-6  # [m]; a shorter edge has no usable chord frame
 
 
@@ -78,12 +80,17 @@ def check_loop(panel: Panel, *, source: str = "") -> None:
 
 
 def check_outline(panel: Panel, *, source: str = "") -> None:
-    """Check that a panel's outline does not cross itself."""
+    """Check that a panel's outline does not cross itself and encloses an area."""
     points, owners = fine_outline(panel)
     found = crossing_edges(points, owners)
-    if found is None:
-        return
-    raise crossing_error(panel.name, *found, source=source)
+    if found is not None:
+        raise crossing_error(panel.name, *found, source=source)
+    if not abs(signed_area(points)) > _FLAT * float(np.max(np.ptp(points, axis=0))) ** 2:
+        raise InputError(
+            "the panel has no area",
+            where=place(source, panel.name),
+            mend="its corners lie on one line: move one of them away from it",
+        )
 
 
 def crossing_error(

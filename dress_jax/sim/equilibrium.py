@@ -5,7 +5,6 @@ Positions in, positions and a report out; `implicit` makes it a differentiable f
 
 from collections.abc import Callable
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -14,6 +13,7 @@ from dress_jax.core.errors import InputError
 from dress_jax.core.precision import require_float64
 from dress_jax.core.pytree import pytree
 from dress_jax.core.results import Result
+from dress_jax.energy.faults import check_parameters
 from dress_jax.energy.membrane import principal_stretches
 from dress_jax.energy.panels import triangle_place
 from dress_jax.energy.rest import rest_triangles
@@ -182,8 +182,8 @@ def _validate(simulator: Simulator, inputs: StepInputs) -> None:
     for name, (array, shape) in expected.items():
         if array.shape != shape:
             raise InputError(f"{name} have shape {array.shape}, expected {shape}")
-    for path, leaf in jax.tree_util.tree_leaves_with_path(inputs):
-        if not np.all(np.isfinite(np.asarray(leaf))):
-            raise InputError(
-                "a number is not finite", where=f"simulation input {jax.tree_util.keystr(path)}"
-            )
+    for name, (array, _) in expected.items():
+        bad = np.flatnonzero(~np.isfinite(np.asarray(array)).all(axis=1))
+        if len(bad):
+            raise InputError("a number is not finite", where=f"{name}, row {bad[0]}")
+    check_parameters(parameters, simulator.cloth, simulator.panels)

@@ -10,7 +10,9 @@ from documents import SQUARE_VERTICES, curved, document, loop, panel, pillow, st
 from dress_jax.core.errors import InputError
 from dress_jax.geometry.rotations import rotation_angles, rotation_matrix
 from dress_jax.pattern import EdgeKind, parse_specification, to_specification
+from dress_jax.pattern.model import Panel, Pattern, line
 from dress_jax.pattern.outline import edge_points
+from dress_jax.pattern.validation import validate
 
 ROUND_TRIP = 1e-11  # [m], 1e-9 cm
 
@@ -258,3 +260,12 @@ def test_every_trial_pattern_survives_a_round_trip(shared_data):
         assert_same(pattern, parse_specification(to_specification(pattern), source=path.name))
         count += 1
     assert count > 10
+
+
+def test_a_panel_without_area_is_named():
+    """Its corners are all but on one line, and the outline does not cross itself."""
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 1e-12]])
+    edges = (line(0, 1), line(1, 2), line(2, 0))
+    panel = Panel("front", corners, edges, np.eye(3), np.zeros(3))
+    with pytest.raises(InputError, match="panel 'front': the panel has no area"):
+        validate(Pattern((panel,)))

@@ -172,6 +172,7 @@ def dress(
         vertex_count=discretization.vertex_count,
         pins=pins,
         membrane=options.membrane,
+        panels=FacePanels(discretization.panel_names, np.asarray(discretization.face_panel)),
     )
     return DressedGarment(cloth, positions, positions[pins], tuple(fittings))
 
@@ -189,6 +190,7 @@ def _grow(
 ) -> np.ndarray:
     """Vertices of the component after the collider has grown to its full shape."""
     surface = component.surface
+    panels = FacePanels(panel_names, component.face_panel)
 
     def prepared(x: np.ndarray, body: np.ndarray, pins: np.ndarray, gravity: Gravity):
         cloth = make_cloth(
@@ -197,13 +199,14 @@ def _grow(
             vertex_count=surface.vertex_count,
             pins=pins,
             membrane=options.membrane,
+            panels=panels,
         )
         simulator, parameters = make_simulation(
             cloth,
             x,
             surface.rest_positions,
             fabric=fabric,
-            panels=FacePanels(panel_names, component.face_panel),
+            panels=panels,
             body_vertices=collider.vertices,
             body_faces=collider.faces,
             pin_targets=x[pins],
