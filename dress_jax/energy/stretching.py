@@ -61,16 +61,21 @@ def stretching_energy(
     return energy + strain_limit_energy(positions, faces, rest, parameters.strain_limit)
 
 
-def stretching_frame(positions: Components, parameters: Parameters, cloth: Cloth) -> MembraneFrame:
-    """Hessians of the membrane in the triangles' principal frames, positive semidefinite.
+def stretching_frame(
+    positions: Components, parameters: Parameters, cloth: Cloth, *, project: bool = True
+) -> MembraneFrame:
+    """Hessians of the membrane in the triangles' principal frames.
 
     Args:
         positions: components (3 of (n,)) of the vertices [m].
+        project: to positive semidefinite; otherwise they are exact.
     """
     rest = rest_triangles(parameters.rest_positions, cloth.rest_faces)
     frame = principal_frame(positions, cloth.faces, rest)
     if cloth.membrane is MembraneModel.ORTHOTROPIC:
-        hessian = orthotropic_hessian(frame, rest.areas, orthotropic_stiffness(parameters))
+        hessian = orthotropic_hessian(
+            frame, rest.areas, orthotropic_stiffness(parameters), project=project
+        )
     else:
         hessian = isotropic_hessian(
             frame,
@@ -78,6 +83,7 @@ def stretching_frame(positions: Components, parameters: Parameters, cloth: Cloth
             parameters.stretching_stiffness,
             parameters.poisson_ratio,
             cloth.membrane,
+            project=project,
         )
     if parameters.strain_limit is not None:
         limit = strain_limit_hessian(frame, rest.areas, parameters.strain_limit)

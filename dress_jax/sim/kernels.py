@@ -14,7 +14,14 @@ from jaxtyping import Array, Float
 
 from dress_jax.contact.barrier import ContactSettings
 from dress_jax.contact.friction import Friction, friction_energy
-from dress_jax.contact.potential import Contact, Pairs, active_pairs, contact_energy
+from dress_jax.contact.potential import (
+    Contact,
+    Pairs,
+    active_pairs,
+    contact_energy,
+    mollifier,
+    stencils,
+)
 from dress_jax.core.pytree import pytree
 from dress_jax.energy.cloth import Cloth, Parameters
 from dress_jax.energy.elastic import TimeStep, elastic_energy
@@ -154,3 +161,10 @@ SLIDING = _kernels(sliding_energy)
 def find_active(positions, parameters, frame, pairs):
     """The pairs closer than dhat, and the smallest squared distances."""
     return active_pairs(with_body(positions, parameters), pairs, frame.settings)
+
+
+@jax.jit
+def find_parallel(everything, pairs):
+    """Mask of the edge-edge pairs that the mollifier fades out."""
+    points, _ = stencils(everything, pairs)
+    return mollifier(points) < 1.0

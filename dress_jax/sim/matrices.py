@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from dress_jax.contact.curvature import CurvedBlocks, curved_blocks
 from dress_jax.contact.friction import Friction, friction_blocks, friction_energy
 from dress_jax.contact.potential import (
     CONTACT_PAIRS,
@@ -33,8 +34,7 @@ from dress_jax.energy.membrane import (
     MembraneFrame,
     membrane_blocks,
 )
-from dress_jax.energy.rest import rest_triangles
-from dress_jax.energy.stretching import stretching_energy, stretching_frame
+from dress_jax.energy.stretching import stretching_frame
 from dress_jax.sim.kernels import Frame, make_contact, make_friction, with_body
 from dress_jax.solver.block_matrix import (
     BlockRows,
@@ -66,10 +66,12 @@ class Matrices(NamedTuple):
         elastic: (positions, parameters, cloth, frame, slots, capacity=) -> values.
         barrier, sliding: (values, positions, parameters, frame, pairs, slots) -> values with the
             family of pairs added; takes the memory of the values that it is given.
+        mollified: as `barrier`, for edges that are nearly parallel.
     """
 
     elastic: Callable[..., Values]
     barrier: Callable[..., Values]
+    mollified: Callable[..., Values]
     sliding: Callable[..., Values]
 
 
@@ -138,12 +140,20 @@ def _projected_entries(
     stiffness: Float[Array, " h"],
     slots: ElasticSlots,
 ) -> tuple[BlockRows, BlockRows]:
-    blocks = membrane_blocks(
-        jax.tree.map(_row, triangles),
-        first_and_second(triangles.alpha, TRIANGLE_PAIRS, slots.triangles),
-        first_and_second(triangles.beta, TRIANGLE_PAIRS, slots.triangles),
+    return _triangle_rows(triangles, slots), outer_rows(
+        vectors, stiffness, HINGE_PAIRS, slots.hinges
     )
-    return block_rows(blocks), outer_rows(vectors, stiffness, HINGE_PAIRS, slots.hinges)
+
+
+def _triangle_rows(triangles: MembraneFrame, slots: ElasticSlots) -> BlockRows:
+    """Entries of the blocks of the triangles."""
+    return block_rows(
+        membrane_blocks(
+            jax.tree.map(_row, triangles),
+            first_and_second(triangles.alpha, TRIANGLE_PAIRS, slots.triangles),
+            first_and_second(triangles.beta, TRIANGLE_PAIRS, slots.triangles),
+        )
+    )
 
 
 def _row(array: Array) -> Array:
@@ -158,26 +168,36 @@ def _projected_elastic(
 
 
 @jax.jit
-def _exact_elastic(
-    positions: Float[Array, "n 3"], parameters: Parameters, cloth: Cloth, slots: ElasticSlots
-) -> tuple[BlockRows, BlockRows]:
-    rest = rest_triangles(parameters.rest_positions, cloth.rest_faces)
-    weights = rest_hinges(parameters, cloth)
+def _membrane_stencils(
+    positions: Float[Array, "n 3"], parameters: Parameters, cloth: Cloth
+) -> MembraneFrame:
+    return stretching_frame(c.split(positions), parameters, cloth, project=False)
 
-    def stretched(own: Array) -> Array:
-        faces = _own_indices(cloth.faces)
-        return stretching_energy(c.split(own), faces, rest, parameters, cloth.membrane)
+
+@jax.jit
+def _membrane_entries(triangles: MembraneFrame, slots: ElasticSlots) -> BlockRows:
+    return _triangle_rows(triangles, slots)
+
+
+@jax.jit
+def _exact_bending(
+    positions: Float[Array, "n 3"], parameters: Parameters, cloth: Cloth, slots: ElasticSlots
+) -> BlockRows:
+    weights = rest_hinges(parameters, cloth)
 
     def bent(own: Array) -> Array:
         return bending_energy(
             c.split(own), _own_indices(cloth.hinges), weights, parameters.bending_stiffness
         )
 
-    triangles, hinges = (_own_vertices(positions, e) for e in (cloth.faces, cloth.hinges))
-    return (
-        _exact_rows(stretched, triangles, TRIANGLE_PAIRS, slots.triangles),
-        _exact_rows(bent, hinges, HINGE_PAIRS, slots.hinges),
-    )
+    return _exact_rows(bent, _own_vertices(positions, cloth.hinges), HINGE_PAIRS, slots.hinges)
+
+
+def _exact_elastic(
+    positions: Float[Array, "n 3"], parameters: Parameters, cloth: Cloth, slots: ElasticSlots
+) -> tuple[BlockRows, BlockRows]:
+    triangles = _membrane_entries(_membrane_stencils(positions, parameters, cloth), slots)
+    return triangles, _exact_bending(positions, parameters, cloth, slots)
 
 
 # Pairs in contact
@@ -204,12 +224,12 @@ def _pair_matrix(rows: Callable[..., BlockRows]) -> Callable[..., Values]:
     return matrix
 
 
-def _projected_pairs(
-    blocks: Callable[[Array, Any], PairBlocks],
+def _closed_form_pairs(
+    blocks: Callable[[Array, Any], Any],
     carrier: Callable[[Parameters, Frame, Pairs], Any],
-    entries: Callable[[PairBlocks, BlockSlots], BlockRows],
+    entries: Callable[[Any, BlockSlots], BlockRows],
 ) -> Callable[..., BlockRows]:
-    """Entries of the projected blocks of one family of pairs."""
+    """Entries of blocks in closed form of one family of pairs."""
 
     @jax.jit
     def stencils(positions, parameters, frame, pairs):
@@ -238,6 +258,26 @@ def _across(blocks: PairBlocks, slots: BlockSlots) -> BlockRows:
         [
             [
                 scale * ((1.0 if i == j else 0.0) - (normal[i] * normal[j])[None, :])
+                for j in range(3)
+            ]
+            for i in range(3)
+        ]
+    )
+
+
+def _curved(blocks: CurvedBlocks, slots: BlockSlots) -> BlockRows:
+    """s0 w_p w_q I + sum_k s_k v_kp v_kq^T."""
+    first, second = first_and_second(blocks.weights, CONTACT_PAIRS, slots)
+    isotropic = first * second * blocks.isotropic[None, :]
+    ends = [first_and_second(vectors, CONTACT_PAIRS, slots) for vectors in blocks.vectors]
+    scaled = [s[None, None, :] * p for s, (p, _) in zip(blocks.stiffness, ends, strict=True)]
+    return block_rows(
+        [
+            [
+                sum(
+                    (p[:, i] * q[:, j] for p, (_, q) in zip(scaled, ends, strict=True)),
+                    start=isotropic if i == j else jnp.zeros_like(isotropic),
+                )
                 for j in range(3)
             ]
             for i in range(3)
@@ -331,11 +371,13 @@ def _exact_rows(
 
 PROJECTED = Matrices(
     elastic=_elastic_matrix(_projected_elastic),
-    barrier=_pair_matrix(_projected_pairs(contact_blocks, make_contact, _along)),
-    sliding=_pair_matrix(_projected_pairs(friction_blocks, make_friction, _across)),
+    barrier=_pair_matrix(_closed_form_pairs(contact_blocks, make_contact, _along)),
+    mollified=_pair_matrix(_closed_form_pairs(contact_blocks, make_contact, _along)),
+    sliding=_pair_matrix(_closed_form_pairs(friction_blocks, make_friction, _across)),
 )
 EXACT = Matrices(
     elastic=_elastic_matrix(_exact_elastic),
-    barrier=_pair_matrix(_exact_pairs(contact_energy, make_contact, _own_contact)),
+    barrier=_pair_matrix(_closed_form_pairs(curved_blocks, make_contact, _curved)),
+    mollified=_pair_matrix(_exact_pairs(contact_energy, make_contact, _own_contact)),
     sliding=_pair_matrix(_exact_pairs(friction_energy, make_friction, _own_friction)),
 )

@@ -227,13 +227,19 @@ class StepObjective:
         Raises:
             LinearSolveError: it is not positive definite or not finite.
         """
-        elastic, barrier, sliding = matrices.EXACT if exact else matrices.PROJECTED
-        families = [(barrier, pairs) for pairs in self.contacts(positions)]
-        families += [(sliding, pairs) for pairs in self._sliding]
+        kinds = matrices.EXACT if exact else matrices.PROJECTED
+        families = [(kinds.sliding, pairs) for pairs in self._sliding]
+        for pairs in self.contacts(positions):
+            if exact and pairs.kind is PairKind.EDGE_EDGE:
+                pairs, parallel = self._by_angle(positions, pairs)
+                families.append((kinds.mollified, parallel))
+            families.append((kinds.barrier, pairs))
         slots = self._contact_slots([pairs for _, pairs in families], positions)
 
         simulator, x = self.simulator, self._padding.positions(positions)
-        values = elastic(x, *self._fixed, simulator.slots, capacity=simulator.pattern.capacity)
+        values = kinds.elastic(
+            x, *self._fixed, simulator.slots, capacity=simulator.pattern.capacity
+        )
         for (kernel, pairs), target in zip(families, slots, strict=True):
             values = kernel(values, x, self._padded, self.frame, pairs, target)
         upper = upper_triangle(simulator.pattern, values)
@@ -241,6 +247,13 @@ class StepObjective:
             # The first entry of a row of the upper triangle is the diagonal.
             upper.data[upper.indptr[:-1]] += shift * np.repeat(self.masses, 3)
         return simulator.linear_solver.factorize(upper)
+
+    def _by_angle(self, positions: Positions, pairs: Pairs) -> tuple[Pairs, Pairs]:
+        """Edge-edge pairs without those that are nearly parallel, and those."""
+        mask = np.asarray(kernels.find_parallel(self.together(positions), pairs))
+        used = np.arange(len(mask)) < int(pairs.count)
+        crossing, parallel = np.nonzero(used & ~mask)[0], np.nonzero(used & mask)[0]
+        return _selected(pairs, crossing), _selected(pairs, parallel, smallest=256)
 
     def _contact_slots(self, families: list[Pairs], positions: Positions) -> list[BlockSlots]:
         """Slots of contact pairs; extends the pattern where it lacks a block."""
@@ -312,10 +325,10 @@ def resting_objective(
     return StepObjective(simulator, StepInputs(step, parameters, parameters.body_vertices))
 
 
-def _selected(pairs: Pairs, columns: Int[np.ndarray, " k"]) -> Pairs:
+def _selected(pairs: Pairs, columns: Int[np.ndarray, " k"], *, smallest: int = 4096) -> Pairs:
     """Some of the pairs, padded to a bucket."""
     count = len(columns)
-    capacity = bucket_size(count, smallest=4096)
+    capacity = bucket_size(count, smallest=smallest)
     scales = np.ones(capacity)
     scales[:count] = np.asarray(pairs.scales)[columns]
     return Pairs(
