@@ -2,10 +2,11 @@
 
 The direction solves a projected (positive-definite) Hessian. That is stiffer than the true one
 wherever the cloth is compressed, so its steps are too short, and twice the step is tried as well.
-Once steps are small the exact Hessian takes over through conjugate gradients preconditioned by the
-projected one, which turns the linear convergence of the projection into a quadratic one. Where they
-meet negative curvature, as in a cloth that is about to buckle, the step follows it downhill: the
-projected Hessian would creep toward the saddle and leave it only after dozens of iterations.
+Once steps are small the exact Hessian takes over, which turns the linear convergence of the
+projection into a quadratic one: by its Cholesky factorization, or where it is indefinite by
+conjugate gradients preconditioned by the projected one. Where they meet negative curvature, as in a
+cloth that is about to buckle, the step follows it downhill: the projected Hessian would creep
+toward the saddle and leave it only after dozens of iterations.
 """
 
 import dataclasses
@@ -34,8 +35,12 @@ class Objective(Protocol):
         """The energy and its gradient [N]."""
         ...
 
-    def factorize(self, positions: Positions) -> Factorization:
-        """The projected Hessian, factorized."""
+    def factorize(self, positions: Positions, *, exact: bool = False) -> Factorization:
+        """The Hessian, projected or exact, factorized.
+
+        Raises:
+            LinearSolveError: it is not positive definite.
+        """
         ...
 
     def hessian_product(self, positions: Positions, direction: Positions) -> Positions:
@@ -88,7 +93,7 @@ class NewtonSolution:
         step_size: longest vertex displacement of the last Newton step [m].
         energy: [J].
         residual: largest force on a vertex [N].
-        factorization: of the projected Hessian at (or one step before) the solution.
+        factorization: of the exact or the projected Hessian at (or one step before) the solution.
     """
 
     positions: Positions
@@ -135,6 +140,8 @@ def minimize(
     x = np.array(start, np.float64)
     factorization: Factorization | None = None
     size = math.inf
+    # Where the exact Hessian was indefinite, it is left alone for 1, 2, 4 ... iterations.
+    rested, rest = 0, 1
     energy, gradient = objective.value_and_gradient(x)
 
     def finish(result: Result, iterations: int) -> NewtonSolution:
@@ -144,11 +151,15 @@ def minimize(
     for iteration in range(options.iteration_limit):
         if not (math.isfinite(energy) and np.all(np.isfinite(gradient))):
             return finish(Result.NON_FINITE, iteration)
+        attempt = size < options.exact_below and iteration >= rested
         try:
-            factorization = objective.factorize(x)
-            direction, exact, curvature = _direction(objective, x, gradient, factorization, options)
+            direction, exact, curvature, factorization = _direction(
+                objective, x, gradient, options, attempt
+            )
         except LinearSolveError:
             return finish(Result.LINEAR_SOLVE_FAILED, iteration)
+        if attempt:
+            rested, rest = (0, 1) if exact else (iteration + rest, 2 * rest)
         if not np.all(np.isfinite(direction)):
             return finish(Result.NON_FINITE, iteration)
         size = _longest(direction)
@@ -234,28 +245,54 @@ class _Direction(NamedTuple):
         displacement: the full step [m].
         exact: whether it solves the exact Hessian.
         curvature: the negative curvature that it follows [J], 0 where it does not.
+        factorization: of the exact or of the projected Hessian.
     """
 
     displacement: Positions
     exact: bool
     curvature: float
+    factorization: Factorization
 
 
 def _direction(
     objective: Objective,
     x: Positions,
     gradient: Positions,
+    options: NewtonOptions,
+    attempt: bool,
+) -> _Direction:
+    """The step with the exact Hessian where it is definite, or the projected Newton step.
+
+    Args:
+        attempt: whether to try the exact one.
+
+    Raises:
+        LinearSolveError: the projected Hessian has no factorization, or a back-substitution failed.
+    """
+    if attempt:
+        try:
+            factorization = objective.factorize(x, exact=True)
+        except LinearSolveError:
+            pass  # it is indefinite
+        else:
+            step = -factorization.solve(gradient.ravel()).reshape(x.shape)
+            return _Direction(step, True, 0.0, factorization)
+    factorization = objective.factorize(x)
+    projected = -factorization.solve(gradient.ravel()).reshape(x.shape)
+    if not _longest(projected) < options.exact_below:
+        return _Direction(projected, False, 0.0, factorization)
+    return _refined(objective, x, gradient, projected, factorization, options)
+
+
+def _refined(
+    objective: Objective,
+    x: Positions,
+    gradient: Positions,
+    projected: Positions,
     factorization: Factorization,
     options: NewtonOptions,
 ) -> _Direction:
-    """The projected Newton step, or where that is short one with the exact Hessian.
-
-    Raises:
-        LinearSolveError: a back-substitution failed.
-    """
-    projected = -factorization.solve(gradient.ravel()).reshape(x.shape)
-    if not _longest(projected) < options.exact_below:
-        return _Direction(projected, False, 0.0)
+    """A step with the exact Hessian by conjugate gradients, downhill along negative curvature."""
     operator = hessian_operator(objective, x)
     nearness = _longest(projected) / _LENGTH
     refined = conjugate_gradient(
@@ -266,17 +303,18 @@ def _direction(
         iteration_limit=_EXACT_LIMIT,
     )
     if refined.converged:
-        return _Direction(refined.solution.reshape(x.shape), True, 0.0)
+        return _Direction(refined.solution.reshape(x.shape), True, 0.0, factorization)
     if refined.negative_direction is None:
-        return _Direction(projected, False, 0.0)
-    # Downhill along the negative curvature, besides the step so far; the two are conjugate.
+        return _Direction(projected, False, 0.0, factorization)
+    # Besides the step so far; the two are conjugate.
     escape = refined.negative_direction
     length = min(options.exact_below, options.longest_step)
     escape = escape * (length / _longest(escape.reshape(x.shape)))
     if float(escape @ gradient.ravel()) > 0.0:
         escape = -escape
     curvature = min(float(escape @ operator(escape)), 0.0)
-    return _Direction((refined.solution + escape).reshape(x.shape), False, curvature)
+    step = (refined.solution + escape).reshape(x.shape)
+    return _Direction(step, False, curvature, factorization)
 
 
 def hessian_operator(

@@ -26,7 +26,7 @@ class Quadratic:
         gradient = A @ (positions - TARGET).ravel()
         return self.value(positions), gradient.reshape(positions.shape)
 
-    def factorize(self, positions):
+    def factorize(self, positions, *, exact=False):
         self.factorizations += 1
         return DenseFactorization(A)
 
@@ -60,11 +60,14 @@ class Spheres:
         outer = 2.0 * positions[:, :, None] * positions[:, None, :]
         return outer + excess[:, None, None] * np.eye(3)
 
-    def factorize(self, positions):
+    def factorize(self, positions, *, exact=False):
         matrix = np.zeros((VERTICES, 3, VERTICES, 3))
-        for k, block in enumerate(self._blocks(positions, project=True)):
+        for k, block in enumerate(self._blocks(positions, project=not exact)):
             matrix[k, :, k] = block
-        return DenseFactorization(matrix.reshape(3 * VERTICES, -1))
+        matrix = matrix.reshape(3 * VERTICES, -1)
+        if np.linalg.eigvalsh(matrix).min() <= 0.0:
+            raise LinearSolveError("indefinite")
+        return DenseFactorization(matrix)
 
     def hessian_product(self, positions, direction):
         return np.einsum("nij,nj->ni", self._blocks(positions, project=False), direction)
@@ -138,8 +141,8 @@ def test_the_line_search_starts_at_the_bound():
 class Stiff(Quadratic):
     """Its projected Hessian is twice as stiff as the true one."""
 
-    def factorize(self, positions):
-        return DenseFactorization(2.0 * A)
+    def factorize(self, positions, *, exact=False):
+        return DenseFactorization(A if exact else 2.0 * A)
 
 
 def test_twice_a_short_step_is_taken():
@@ -236,7 +239,7 @@ def test_linear_solve_failed(uses):
     """In the first solve, or later inside the exact refinement."""
 
     class Broken(Quadratic):
-        def factorize(self, positions):
+        def factorize(self, positions, *, exact=False):
             return BrokenFactorization(2.0 * A, uses)
 
     options = NewtonOptions(tolerance=1e-9, longest_step=np.inf, exact_below=np.inf)
@@ -246,7 +249,7 @@ def test_linear_solve_failed(uses):
 
 def test_factorization_failed():
     class Broken(Quadratic):
-        def factorize(self, positions):
+        def factorize(self, positions, *, exact=False):
             raise LinearSolveError("never")
 
     solution, _ = _run(Broken(), START, FAR)
@@ -262,7 +265,7 @@ def test_non_finite(where):
                 return np.inf, gradient
             return value, gradient * (np.nan if where == "gradient" else 1.0)
 
-        def factorize(self, positions):
+        def factorize(self, positions, *, exact=False):
             factor = np.nan if where == "direction" else 1.0
             return DenseFactorization(factor * A)
 
@@ -279,7 +282,7 @@ def test_non_finite_trial_energies_shorten_the_step():
             far = np.linalg.norm(positions - TARGET) > np.linalg.norm(START - TARGET)
             return np.inf if far else super().value(positions)
 
-        def factorize(self, positions):
+        def factorize(self, positions, *, exact=False):
             return DenseFactorization(0.2 * A)  # five times too far
 
     options = NewtonOptions(tolerance=1e-6, longest_step=np.inf, exact_below=0.0)
