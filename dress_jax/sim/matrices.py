@@ -26,9 +26,10 @@ from dress_jax.contact.potential import (
 )
 from dress_jax.core import components as c
 from dress_jax.core.pytree import pytree, replace
-from dress_jax.energy.bending import HINGE_PAIRS, bending_energy, bending_vectors
+from dress_jax.energy.bending import HINGE_PAIRS, bending_vectors
 from dress_jax.energy.cloth import Cloth, Parameters, vertex_masses
 from dress_jax.energy.elastic import rest_hinges
+from dress_jax.energy.hinge_hessian import HingeBlocks, curvature_blocks, hinge_blocks
 from dress_jax.energy.membrane import (
     TRIANGLE_PAIRS,
     MembraneFrame,
@@ -168,36 +169,38 @@ def _projected_elastic(
 
 
 @jax.jit
-def _membrane_stencils(
+def _exact_stencils(
     positions: Float[Array, "n 3"], parameters: Parameters, cloth: Cloth
-) -> MembraneFrame:
-    return stretching_frame(c.split(positions), parameters, cloth, project=False)
+) -> tuple[MembraneFrame, HingeBlocks]:
+    """What the exact blocks of triangles and hinges are made of."""
+    x = c.split(positions)
+    triangles = stretching_frame(x, parameters, cloth, project=False)
+    hinges = hinge_blocks(
+        x, cloth.hinges, rest_hinges(parameters, cloth), parameters.bending_stiffness
+    )
+    return triangles, hinges
 
 
 @jax.jit
-def _membrane_entries(triangles: MembraneFrame, slots: ElasticSlots) -> BlockRows:
-    return _triangle_rows(triangles, slots)
-
-
-@jax.jit
-def _exact_bending(
-    positions: Float[Array, "n 3"], parameters: Parameters, cloth: Cloth, slots: ElasticSlots
-) -> BlockRows:
-    weights = rest_hinges(parameters, cloth)
-
-    def bent(own: Array) -> Array:
-        return bending_energy(
-            c.split(own), _own_indices(cloth.hinges), weights, parameters.bending_stiffness
-        )
-
-    return _exact_rows(bent, _own_vertices(positions, cloth.hinges), HINGE_PAIRS, slots.hinges)
+def _exact_entries(
+    triangles: MembraneFrame, hinges: HingeBlocks, slots: ElasticSlots
+) -> tuple[BlockRows, BlockRows]:
+    rank_one = outer_rows(hinges.gradient, hinges.stiffness, HINGE_PAIRS, slots.hinges)
+    curved = curvature_blocks(hinges)
+    swap = slots.hinges.transposed
+    added = block_rows(
+        [
+            [jnp.where(swap, curved[:, 3 * j + i], curved[:, 3 * i + j]) for j in range(3)]
+            for i in range(3)
+        ]
+    )
+    return _triangle_rows(triangles, slots), rank_one + added
 
 
 def _exact_elastic(
     positions: Float[Array, "n 3"], parameters: Parameters, cloth: Cloth, slots: ElasticSlots
 ) -> tuple[BlockRows, BlockRows]:
-    triangles = _membrane_entries(_membrane_stencils(positions, parameters, cloth), slots)
-    return triangles, _exact_bending(positions, parameters, cloth, slots)
+    return _exact_entries(*_exact_stencils(positions, parameters, cloth), slots)
 
 
 # Pairs in contact
