@@ -11,7 +11,6 @@ from jaxtyping import Array, Float
 from dress_jax.application.drape import FABRIC, DrapeOptions
 from dress_jax.application.progress import Progress, silent
 from dress_jax.core.precision import require_float64
-from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Parameters
 from dress_jax.energy.membrane import MembraneModel
 from dress_jax.energy.panels import FacePanels
@@ -152,27 +151,31 @@ def check_gradients(
         return jnp.sum(weights * drape.positions)
 
     gradient = jax.grad(loss)(parameters)
-    names = [field.name for field in dataclasses.fields(parameters)]
-    names = [name for name in names if getattr(parameters, name).size]
+    leaves, tree = jax.tree_util.tree_flatten_with_path(parameters)
+    slopes = jax.tree.leaves(gradient)
     rows = []
-    for number, name in enumerate(names):
-        progress("differences", number, len(names))
-        leaf = getattr(parameters, name)
+    for number, (path, leaf) in enumerate(leaves):
+        progress("differences", number, len(leaves))
+        if not leaf.size:
+            continue
         direction = jnp.asarray(rng.normal(size=leaf.shape))
 
-        def moved(t, name=name, leaf=leaf, direction=direction):
-            return replace(parameters, **{name: leaf + t * direction})
+        def moved(t, number=number, direction=direction):
+            values = [value for _, value in leaves]
+            values[number] = values[number] + t * direction
+            return jax.tree.unflatten(tree, values)
 
         def positions(t, moved=moved):
             return static_solve(simulator, moved(t), start).positions
 
         _, rate = jax.jvp(positions, (0.0,), (1.0,))
-        reverse = float(jnp.sum(getattr(gradient, name) * direction))
+        reverse = float(jnp.sum(slopes[number] * direction))
         forward = float(jnp.sum(weights * rate))
         size = _NO_EFFECT_STEP * max(float(jnp.max(jnp.abs(leaf))), 1.0)
         difference = _best_difference(lambda t, m=moved: float(loss(m(t))), rate, size)
+        name = jax.tree_util.keystr(path).lstrip(".")
         rows.append(DerivativeRow(name, reverse, forward, *difference))
-    progress("differences", len(names), len(names))
+    progress("differences", len(leaves), len(leaves))
     settings = simulator.settings
     return GradientReport(
         rows=rows,

@@ -257,8 +257,15 @@ class _End:
     def _cut(self, moved: Indices, parts: Sequence[Sequence[Array]]) -> list[Array]:
         """Sums over the energies, per moved leaf."""
         totals = [functools.reduce(operator.add, own) for own in zip(*parts, strict=True)]
-        sizes = [self._true[index].shape[:1] for index in moved]
-        return [t[: size[0]] if size else t for t, size in zip(totals, sizes, strict=True)]
+        return [_resized(t, self._true[k].shape) for k, t in zip(moved, totals, strict=True)]
+
+
+def _resized(padded: Array, shape: tuple[int, ...]) -> Array:
+    """The first rows; zeros follow where there are more of them than padded ones."""
+    if not shape:
+        return padded
+    rows = np.asarray(padded)[: shape[0]]
+    return jnp.asarray(np.concatenate([rows, np.zeros((shape[0] - len(rows), *shape[1:]))]))
 
 
 # Compiled pieces, each for one energy. `state` is the end and the leaves of the inputs, `fixed` the

@@ -103,7 +103,9 @@ class Padding:
         """Changes of what a step depends on, zero where padded."""
         step = rates.step
         parameters = _each_counted(
-            lambda leaf, _, counted: jnp.asarray(_filled(leaf, getattr(self.padded, counted))),
+            lambda leaf, _, counted: jnp.asarray(
+                _filled(leaf[: getattr(self.true, counted)], getattr(self.padded, counted))
+            ),
             rates.parameters,
         )
         return StepInputs(
@@ -138,16 +140,17 @@ class Padding:
         rows = np.asarray(directions)
         if name not in _COUNTED or rows.ndim == 1:
             return rows
-        size = getattr(self.padded, _COUNTED[name])
-        return np.stack([_filled(row, size) for row in rows])
+        size, count = (getattr(sizes, _COUNTED[name]) for sizes in (self.padded, self.true))
+        return np.stack([_filled(row[:count], size) for row in rows])
 
     def _padded_leaf(self, leaf: np.ndarray, name: str, counted: str) -> Array:
         size, count = getattr(self.padded, counted), getattr(self.true, counted)
-        if len(leaf) != count:
+        # Panel vertices behind the last one of a triangle belong to other garments.
+        if len(leaf) < count or (len(leaf) > count and name != "rest_positions"):
             what = counted.replace("_", " ")
             raise InputError(f"{name} has {len(leaf)} rows, the simulation has {count} {what}")
         if name == "rest_positions":
-            return jnp.asarray(_filled(leaf, size, _SQUARE[:, :2]))
+            return jnp.asarray(_filled(leaf[:count], size, _SQUARE[:, :2]))
         # What elements are made of stays within its bounds; where pins and the body are does not
         # matter.
         more = np.full(size - count, leaf[-1]) if leaf.ndim == 1 and count else ()

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -108,3 +109,19 @@ def test_another_garment_of_similar_size_compiles_nothing():
     assert all(before)
     drape(15)
     assert [program._cache_size() for program in programs] == before
+
+
+def test_rest_positions_of_other_garments_are_left_out():
+    """The garments of an outfit share one array of panel vertices when they are put on."""
+    cloth, simulator, rest, start, body = draped_sheet()
+    parameters = _parameters(cloth, rest, body, start[np.asarray(cloth.pins)])
+    more = replace(parameters, rest_positions=jnp.concatenate([rest, 7.0 + np.ones((500, 2))]))
+
+    def height(p):
+        return jnp.sum(static_solve(simulator, p, start).positions[:, 1])
+
+    value, slope = jax.value_and_grad(height)(parameters)
+    other, slopes = jax.value_and_grad(height)(more)
+    assert float(other) == float(value)
+    assert np.array_equal(slopes.rest_positions[: len(rest)], slope.rest_positions)
+    assert np.any(slope.rest_positions) and not np.any(slopes.rest_positions[len(rest) :])
