@@ -88,6 +88,7 @@ def test_hessian_products_equal_differences_of_the_gradient(drape, name):
     assert np.allclose(exact, measured, rtol=SECOND_TOLERANCE, atol=0.0)
 
 
+@pytest.mark.slow
 def test_forward_over_forward_equals_forward_over_reverse(drape):
     weights = drape[3]
     positions = _along(drape, "rest_positions")

@@ -35,7 +35,13 @@ def _run(name: str, *, fine: int, runs: int) -> None:
     assert len({outcome.digest for outcome in outcomes}) == 1
 
 
-@pytest.mark.parametrize("name", SCENES)
+# Those that take longest, most of it to compile, are left to the slow tests.
+LONG = ("ten_layers", "arm_to_torso", "slivers", "through_a_ring", "between_plates")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in SCENES]
+)
 def test_small_scenes(name):
     _run(name, fine=1, runs=2)
 
