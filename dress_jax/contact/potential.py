@@ -151,8 +151,19 @@ def contact_energy(positions: Float[Array, "n 3"], contact: Contact) -> Float[Ar
         positions: cloth and body vertices [m].
         contact: the pairs.
     """
+    return stencil_energy(*stencils(positions, contact.pairs), contact)
+
+
+def stencil_energy(
+    points: Float[Array, "4 3 m"], used: Bool[Array, " m"], contact: Contact
+) -> Float[Array, ""]:
+    """The same, as a function of the stencils [J].
+
+    Args:
+        points, used: from `stencils`.
+        contact: the pairs.
+    """
     pairs, settings = contact.pairs, contact.settings
-    points, used = stencils(positions, pairs)
     squared = squared_distances(points, pairs.kind)
     value = barrier(squared / pairs.scales**2, settings)
     if pairs.kind is PairKind.EDGE_EDGE:

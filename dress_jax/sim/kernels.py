@@ -20,6 +20,7 @@ from dress_jax.contact.potential import (
     active_pairs,
     contact_energy,
     mollifier,
+    stencil_energy,
     stencils,
 )
 from dress_jax.core.pytree import pytree
@@ -152,8 +153,32 @@ def _kernels(energy: Callable[..., Array]) -> Kernels:
     return Kernels(energy, jax.jit(energy), jax.jit(jax.value_and_grad(energy)), jax.jit(product))
 
 
+# The barrier's slopes in the stencils and their sum over vertices are programs of their own:
+# in one, XLA on CPU computes a stencil anew for each of the twelve numbers that are added.
+
+
+def _barrier_gradient(positions, parameters, cloth, frame, pairs):
+    value, slopes = barrier_slopes(positions, parameters, frame, pairs)
+    return value, _summed(slopes, pairs.indices, positions)
+
+
+@jax.jit
+def barrier_slopes(positions, parameters, frame, pairs):
+    """The barrier of one family of pairs, and its derivative in the stencils, (4, 3, m)."""
+    points, used = stencils(with_body(positions, parameters), pairs)
+    contact = make_contact(parameters, frame, pairs)
+    return jax.value_and_grad(stencil_energy)(points, used, contact)
+
+
+@jax.jit
+def _summed(stencil_rows, indices, positions):
+    """Sums at the vertices of the cloth, (n, 3)."""
+    rows = jnp.stack([stencil_rows[:, k].ravel() for k in range(3)], axis=1)
+    return jnp.zeros_like(positions).at[indices.ravel()].add(rows, mode="drop")
+
+
 ELASTIC = _kernels(frame_energy)
-BARRIER = _kernels(barrier_energy)
+BARRIER = _kernels(barrier_energy)._replace(gradient=_barrier_gradient)
 SLIDING = _kernels(sliding_energy)
 
 
