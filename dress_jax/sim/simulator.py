@@ -5,7 +5,7 @@ every solve, so that all of them can be differentiated.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import jax.numpy as jnp
 import numpy as np
@@ -186,7 +186,6 @@ def make_simulation(
     settings: ContactSettings | None = None,
     newton: NewtonOptions | None = None,
     linear_solver: str = "auto",
-    face_names: Sequence[str] | None = None,
 ) -> tuple[Simulator, Parameters]:
     """A simulator without friction, and parameters for the same cloth and body.
 
