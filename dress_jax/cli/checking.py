@@ -53,17 +53,17 @@ def gradcheck(
     rows = [
         (
             row.name,
-            f"{row.reverse:.9e}",
-            f"{row.disagreement:.1e}",
-            f"{row.difference:.9e}",
-            f"{row.uncertainty:.1e}",
-            f"{row.error:.1e}",
+            f"{row.reverse:.3e}",
+            f"{row.disagreement:.0e}",
+            f"{row.difference:.3e}",
+            f"{row.uncertainty:.0e}",
+            f"{row.error:.0e}",
             row.error <= tolerance,
         )
         for row in report.rows
     ]
-    header = ("", "adjoint", "forward mode off by", "differences", "uncertain by")
-    table(str(folder), rows, header=(*header, "adjoint off by", "agrees"))
+    header = ("", "adjoint", "forward", "differences", "unsure")
+    table(str(folder), rows, header=(*header, "error", "agrees"))
     found = report.certificate
     table(
         "the drape",
