@@ -1,44 +1,62 @@
 """Where the time of a Newton iteration goes, on a T-shirt worn by the default body.
 
-    python benchmarks/newton.py [--vertices 2500 10000] [--linear-solver NAME] [--json times.json]
+    python benchmarks/newton.py [--scene t_shirt stack] [--vertices 2500 10000]
+                                [--linear-solver NAME] [--json times.json]
 
-Each size is dressed and draped once. Then its pattern is changed by 1 %, and the drape is solved
-again from where it was: once to compile, once to measure. Stages are timed apart, each until its
-result is there; what they take together is less than the solve, which is given beside them.
-`contacts` are the pairs closer than dhat at the end.
+`t_shirt`: each size is dressed and draped once. Then its pattern is changed by 1 %, and the drape
+is solved again from where it was. `stack`: two steps of two sheets that fall on each other (the
+scene of `benchmarks.peers`), at most 25 iterations each. Every solve runs once to compile, once to
+measure. Stages are timed apart, each until its result is there; what they take together is less
+than the solve, which is given beside them. `contacts` are the pairs closer than dhat at the end.
 """
 
 import argparse
 import collections
 import dataclasses
+import itertools
 import json
 import platform
 import resource
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import jax
 
 jax.config.update("jax_enable_x64", True)
+sys.path.insert(0, str(Path(__file__).parents[1]))  # for `benchmarks.peers`
 
 import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 
+from benchmarks.peers.contestants.dress import build  # noqa: E402
+from benchmarks.peers.scenes import stack  # noqa: E402
 from dress_jax.application.drape import DrapeOptions, DrapeResult, drape_pattern  # noqa: E402
 from dress_jax.application.tailor import template_measurements  # noqa: E402
 from dress_jax.application.wearer import find_wearer  # noqa: E402
 from dress_jax.body.model import named_shape  # noqa: E402
 from dress_jax.core.pytree import replace  # noqa: E402
+from dress_jax.energy.cloth import Parameters  # noqa: E402
 from dress_jax.io.bodies import load_default_body  # noqa: E402
 from dress_jax.pattern import Pattern, discretize  # noqa: E402
 from dress_jax.pattern.templates import t_shirt  # noqa: E402
-from dress_jax.sim import equilibrium, kernels, objective, static_solve  # noqa: E402
+from dress_jax.sim import (  # noqa: E402
+    Simulator,
+    State,
+    equilibrium,
+    kernels,
+    objective,
+    static_solve,
+    step,
+)
+from dress_jax.sim.equilibrium import Report  # noqa: E402
 from dress_jax.solver import NewtonOptions, newton  # noqa: E402
 from dress_jax.solver.linear import make_solver  # noqa: E402
 
 CHANGE = 1.01
+STACK_LIMIT = 25  # Newton iterations of a step
 STAGES = (
     (objective, "find_candidates", "broad phase"),
     (kernels, "find_active", "active set"),
@@ -110,34 +128,38 @@ def dressed(vertices: int) -> DrapeResult:
     return drape_pattern(pattern, find_wearer("default", pose="a"), options=options)
 
 
-def measure(draped: DrapeResult, solver: str) -> dict[str, Any]:
-    """The solve after a change of the pattern."""
-    parameters = draped.parameters
-    changed = replace(parameters, rest_positions=CHANGE * parameters.rest_positions)
+Solve = Callable[[Simulator], tuple[jax.Array, Report]]
+
+
+def measure(
+    simulator: Simulator, parameters: Parameters, solve: Solve, solver: str
+) -> tuple[jax.Array, dict[str, Any]]:
+    """Where a solve ends, and its times; the second of two runs.
+
+    Args:
+        simulator, parameters: of the solve.
+        solve: takes a simulator, and gives positions and report.
+        solver: name of the linear solver.
+    """
     clock = StageClock()
     replaced = [(owner, name, getattr(owner, name)) for owner, name, _ in STAGES]
     for owner, name, stage in STAGES:
         setattr(owner, name, clock.timed(getattr(owner, name), stage))
-    simulator = dataclasses.replace(
-        draped.simulator, linear_solver=TimedSolver(solver, clock), newton=NewtonOptions()
-    )
+    timed = dataclasses.replace(simulator, linear_solver=TimedSolver(solver, clock))
     seconds = []
     try:
         for _ in range(2):
             clock.seconds.clear()
             start = time.perf_counter()
-            drape = static_solve(
-                dataclasses.replace(simulator), changed, jnp.asarray(draped.positions)
-            )
+            positions, report = solve(dataclasses.replace(timed))
             seconds.append(time.perf_counter() - start)
     finally:
         for owner, name, original in replaced:
             setattr(owner, name, original)
-    report = drape.report
     iterations = max(int(report.iterations), 1)
-    return {
-        "vertices": len(draped.positions),
-        "contacts": contacts(simulator, changed, drape.positions),
+    return positions, {
+        "vertices": len(positions),
+        "contacts": contacts(simulator, parameters, positions),
         "converged": report.converged,
         "newton_iterations": int(report.iterations),
         "solve_seconds": seconds[1],
@@ -148,35 +170,75 @@ def measure(draped: DrapeResult, solver: str) -> dict[str, Any]:
     }
 
 
+def t_shirt_rows(vertices: int, solver: str) -> Iterator[dict[str, Any]]:
+    """The drape of a pattern that has grown, from the one before."""
+    start = time.perf_counter()
+    draped = dressed(vertices)
+    put_on = time.perf_counter() - start
+    parameters = draped.parameters
+    changed = replace(parameters, rest_positions=CHANGE * parameters.rest_positions)
+
+    def solve(own: Simulator) -> tuple[jax.Array, Report]:
+        drape = static_solve(own, changed, jnp.asarray(draped.positions))
+        return drape.positions, drape.report
+
+    simulator = dataclasses.replace(draped.simulator, newton=NewtonOptions())
+    _, row = measure(simulator, changed, solve, solver)
+    yield {"scene": "t_shirt", "dress_and_drape_seconds": put_on, **row}
+
+
+def stack_rows(vertices: int, solver: str) -> Iterator[dict[str, Any]]:
+    """Two steps of two sheets that fall on each other."""
+    scene = stack(vertices, steps=2)
+    simulator, parameters = build(scene)
+    simulator.newton = dataclasses.replace(simulator.newton, iteration_limit=STACK_LIMIT)
+    state = State(jnp.asarray(scene.start), jnp.zeros(scene.start.shape))
+    for number in range(scene.steps):
+
+        def solve(own: Simulator, state: State = state) -> tuple[jax.Array, Report]:
+            after, report = step(own, state, parameters, time_step=scene.time_step)
+            return after.positions, report
+
+        positions, row = measure(simulator, parameters, solve, solver)
+        yield {"scene": f"stack, step {number + 1}", **row}
+        state = State(positions, (positions - state.positions) / scene.time_step)
+
+
+ROWS = {"t_shirt": t_shirt_rows, "stack": stack_rows}
+
+
 def contacts(simulator, parameters, positions) -> int:
     """Number of pairs closer than dhat."""
     found = objective.resting_objective(simulator, parameters, positions)
     return sum(int(pairs.count) for pairs in found.contacts(np.asarray(positions)))
 
 
+def show(row: dict[str, Any]) -> None:
+    """One row, with its stages."""
+    print(
+        f"\n{row['scene']}: {row['vertices']} vertices, {row['contacts']} contacts: "
+        f"{row['newton_iterations']} Newton iterations in {row['solve_seconds']:.2f} s"
+        f"{'' if row['converged'] else ' (not converged)'}, "
+        f"{row['iteration_ms']:.0f} ms each; the first {row['first_seconds']:.1f} s more; "
+        f"peak memory {row['peak_memory_mb']:.0f} MB"
+    )
+    for stage, ms in sorted(row["stages_ms"].items(), key=lambda item: -item[1]):
+        print(f"    {stage:28s} {ms:8.1f} ms an iteration", flush=True)
+
+
 def main() -> None:
     """Print a table, and write it as JSON."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--vertices", type=int, nargs="+", default=[2500, 10000])
+    parser.add_argument("--scene", choices=ROWS, nargs="+", default=list(ROWS))
     parser.add_argument("--linear-solver", default="auto")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     rows = []
-    for vertices in options.vertices:
-        start = time.perf_counter()
-        draped = dressed(vertices)
-        put_on = time.perf_counter() - start
-        row = {"dress_and_drape_seconds": put_on, **measure(draped, options.linear_solver)}
-        rows.append(row)
-        print(
-            f"\n{row['vertices']} vertices, {row['contacts']} contacts: "
-            f"{row['newton_iterations']} Newton iterations in {row['solve_seconds']:.2f} s"
-            f"{'' if row['converged'] else ' (not converged)'}, "
-            f"{row['iteration_ms']:.0f} ms each; the first {row['first_seconds']:.1f} s more; "
-            f"dressed and draped in {put_on:.0f} s; peak memory {row['peak_memory_mb']:.0f} MB"
-        )
-        for stage, ms in sorted(row["stages_ms"].items(), key=lambda item: -item[1]):
-            print(f"    {stage:28s} {ms:8.1f} ms an iteration", flush=True)
+    for name, vertices in itertools.product(options.scene, options.vertices):
+        for row in ROWS[name](vertices, options.linear_solver):
+            rows.append(row)
+            show(row)
     report = {"machine": platform.processor() or platform.machine(), "jax": jax.__version__}
     if options.json is not None:
         options.json.write_text(json.dumps({**report, "rows": rows}, indent=1) + "\n")

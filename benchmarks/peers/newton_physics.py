@@ -4,6 +4,7 @@ Stiffnesses are those of the scene for small strains; contact, damping, substeps
 those of Newton's own cloth examples. Pinned vertices are held where they start.
 """
 
+import abc
 import time
 from typing import Any
 
@@ -18,7 +19,7 @@ SETTLE_TIME = 2.0  # longest simulated time of a drape [s]
 AT_REST = 0.02  # rms velocity at which a drape ends [m/s]
 
 
-class NewtonCloth:
+class NewtonCloth(abc.ABC):
     """A model, a solver, and its loop."""
 
     packages = ("newton", "warp-lang", "numpy")
@@ -33,9 +34,9 @@ class NewtonCloth:
         self._newton, self._wp = newton, wp
         self.solver = f"{solver}, on {'cuda' if wp.is_cuda_available() else 'cpu'}"
 
+    @abc.abstractmethod
     def build(self, scene: Scene) -> tuple[Any, Any]:
         """Model and solver."""
-        raise NotImplementedError
 
     def finish(self, builder: Any, scene: Scene) -> Any:
         """The model with the body, contact parameters and pins."""

@@ -12,7 +12,9 @@ from dress_jax.solver.linear import Factorization, LinearSolveError
 from dress_jax.solver.newton import hessian_operator
 
 _TOLERANCE = 1e-12
-_SUFFICIENT = 1e-10  # relative residual, where rounding ends the iterations earlier
+# Relative residual that will do where rounding keeps the iterations from the tolerance: a
+# derivative is held to differences at 1e-5.
+_SUFFICIENT = 1e-10
 _ITERATION_LIMIT = 300
 
 
@@ -41,6 +43,7 @@ class Linearization:
         self.objective, self.positions = objective, positions
         self._projected = factorization
         self._exact: Factorization | None = None
+        self._indefinite = False
         self._solves = 0
 
     def solve(self, right: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
@@ -53,7 +56,7 @@ class Linearization:
             return np.zeros_like(right)
         self._solves += 1
         try:
-            if self._exact is None and (self._solves > 1 or self._projected is None):
+            if self._wants_exact():
                 self._exact = self._factorize()
         except LinearSolveError as error:
             return _failed(right, str(error))
@@ -61,12 +64,18 @@ class Linearization:
         assert preconditioner is not None
         return solve_exact(self.objective, self.positions, right, preconditioner)
 
+    def _wants_exact(self) -> bool:
+        """Whether to factorize the exact Hessian: once, unless one solve is all that is asked."""
+        once = self._solves == 1 and self._projected is not None
+        return self._exact is None and not self._indefinite and not once
+
     def _factorize(self) -> Factorization | None:
         """The exact Hessian where it is positive definite, and the projected one elsewhere."""
         try:
             return self.objective.factorize(self.positions, exact=True)
         except LinearSolveError:
             # Conjugate gradients will meet the negative curvature, and say so.
+            self._indefinite = True
             if self._projected is None:
                 self._projected = self.objective.factorize(self.positions)
             return None

@@ -39,9 +39,9 @@ from dress_jax.sim.simulator import Simulator
 Indices = tuple[int, ...]
 
 _NO_JIT = (
-    "{} runs its Newton loop on the host and cannot be traced by jit, scan or checkpoint; call it "
-    "outside of them (jax.grad, jax.vjp, jax.jvp and jax.vmap work), and jit what comes before and "
-    "after it"
+    "the cloth simulator runs its Newton loop on the host and cannot be traced by jit, scan or "
+    "checkpoint; call it outside of them (jax.grad, jax.vjp, jax.jvp and jax.vmap work), and jit "
+    "what comes before and after it"
 )
 _NO_REVERSE = (
     "second derivatives of the cloth simulator are forward over reverse, or forward over forward; "
@@ -62,7 +62,7 @@ def advance(simulator: Simulator, inputs: StepInputs) -> tuple[Float[Array, "n 3
 
     Raises:
         RuntimeError: double precision is off.
-        TypeError: called under jit.
+        TypeError: called under jit, or differentiated in reverse twice.
         InputError: arrays that do not fit the simulator or are not finite, or a start state closer
             than the thickness.
     """
@@ -94,7 +94,7 @@ def _solve_jvp(primals, tangents, *, simulator: Simulator, tree):
 
 
 def _untraceable(*avals, **_):
-    raise TypeError(_NO_JIT.format("the cloth simulator"))
+    raise TypeError(_NO_JIT)
 
 
 # First derivatives. Operands: the end, the leaves of the inputs, and what the result is linear in.
@@ -183,7 +183,7 @@ def _pull_change_impl(x, *operands, simulator: Simulator, tree, moved, swept):
 
 
 def _no_reverse(*_, **__):
-    raise NotImplementedError(_NO_REVERSE)
+    raise TypeError(_NO_REVERSE)
 
 
 class _End:
