@@ -214,6 +214,7 @@ def _problem(
     cloth = make_cloth(
         garment.faces,
         garment.rest_faces,
+        rest_positions=garment.rest_positions,
         vertex_count=len(garment.vertices),
         pins=start.pins,
         membrane=drape_options.dressing.membrane,

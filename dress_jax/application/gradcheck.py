@@ -102,6 +102,7 @@ def simulation_of(state: DrapedState, newton: NewtonOptions) -> tuple[Simulator,
     cloth = make_cloth(
         garment.faces,
         garment.rest_faces,
+        rest_positions=garment.rest_positions,
         vertex_count=len(garment.vertices),
         pins=np.asarray(state.pins, np.int32),
         membrane=MembraneModel(settings.get("membrane", MembraneModel.ARAP.value)),

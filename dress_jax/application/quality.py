@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from dress_jax.energy.gathers import find_gathers, gathered_triangles
 from dress_jax.energy.membrane import principal_stretches
-from dress_jax.energy.rest import rest_triangles
 from dress_jax.geometry.intersection import count_intersections, minimum_distance
 from dress_jax.io.results import DrapedState
 
@@ -21,10 +21,16 @@ def seam_gaps(state: DrapedState) -> Float[np.ndarray, " s"]:
 
 
 def strains(state: DrapedState) -> Float[np.ndarray, " f"]:
-    """The larger |stretch - 1| of the two principal stretches of every triangle."""
+    """The larger |stretch - 1| of the two principal stretches of every triangle.
+
+    Of gathers only what their folds do not take up (`energy.gathers`).
+    """
     garment = state.garment
-    rest_faces = jnp.asarray(garment.rest_faces.T)
-    rest = rest_triangles(jnp.asarray(garment.rest_positions), rest_faces)
+    rest = gathered_triangles(
+        jnp.asarray(garment.rest_positions),
+        jnp.asarray(garment.rest_faces.T),
+        find_gathers(garment.faces, garment.rest_faces, garment.rest_positions),
+    )
     stretches = principal_stretches(
         jnp.asarray(garment.vertices), jnp.asarray(garment.faces.T), rest
     )

@@ -8,6 +8,7 @@ from jaxtyping import Array, Float, Int
 
 from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import pytree, static
+from dress_jax.energy.gathers import Gathers, find_gathers, no_gathers
 from dress_jax.energy.membrane import MembraneModel
 from dress_jax.energy.panels import FacePanels
 from dress_jax.energy.rest import rest_triangles, vertex_areas
@@ -28,6 +29,7 @@ class Cloth:
         hinge_corners: the corner opposite the shared edge in each of them, (2, h).
         pins: vertices held by springs, (k,).
         stitches: pairs of vertices pulled together, (2, s).
+        gathers: seam edges that are drawn up to shorter ones.
         vertex_count: n.
         membrane: which membrane energy is used.
     """
@@ -39,6 +41,7 @@ class Cloth:
     hinge_corners: Int[Array, "2 h"]
     pins: Int[Array, " k"]
     stitches: Int[Array, "2 s"]
+    gathers: Gathers
     vertex_count: int = static()
     membrane: MembraneModel = static(default=MembraneModel.ARAP)
 
@@ -114,6 +117,7 @@ def make_cloth(
     faces: Int[np.ndarray, "f 3"],
     rest_faces: Int[np.ndarray, "f 3"] | None = None,
     *,
+    rest_positions: Float[np.ndarray, "p 2"] | None = None,
     vertex_count: int | None = None,
     pins: Int[np.ndarray, " k"] | None = None,
     stitches: Int[np.ndarray, "s 2"] | None = None,
@@ -125,6 +129,8 @@ def make_cloth(
     Args:
         faces: vertices of the (welded) triangles.
         rest_faces: panel vertices of the same triangles; default the same indices.
+        rest_positions: panel coordinates [m]; where given, long edges that are sewn to short ones
+            are gathered (see `gathers`).
         vertex_count: number of vertices; default the largest index plus one.
         pins: vertices to hold.
         stitches: pairs of vertices to pull together.
@@ -157,6 +163,9 @@ def make_cloth(
         hinge_corners=columns(hinges.local_corner),
         pins=jnp.asarray(pins),
         stitches=columns(stitches),
+        gathers=no_gathers()
+        if rest_positions is None
+        else find_gathers(faces, rest_faces, rest_positions),
         vertex_count=count,
         membrane=membrane,
     )

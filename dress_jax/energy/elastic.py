@@ -11,7 +11,7 @@ from dress_jax.core.pytree import pytree
 from dress_jax.energy.bending import bending_energy
 from dress_jax.energy.cloth import Cloth, Parameters, vertex_masses
 from dress_jax.energy.rest import hinge_anisotropy, hinge_weights, rest_triangles
-from dress_jax.energy.stretching import stretching_energy
+from dress_jax.energy.stretching import stretching_energy, stretching_rest
 
 
 @pytree
@@ -51,7 +51,7 @@ def weight(x: Components, step: TimeStep, parameters: Parameters, cloth: Cloth) 
 
 def membrane(x: Components, step: TimeStep, parameters: Parameters, cloth: Cloth) -> Array:
     """Stretching, see `membrane` and `orthotropic`."""
-    rest = rest_triangles(parameters.rest_positions, cloth.rest_faces)
+    rest = stretching_rest(parameters, cloth)
     return stretching_energy(x, cloth.faces, rest, parameters, cloth.membrane)
 
 

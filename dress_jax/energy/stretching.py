@@ -5,6 +5,7 @@ from jaxtyping import Array, Float
 from dress_jax.core.components import Components
 from dress_jax.energy.cloth import Cloth, Parameters
 from dress_jax.energy.deformation import add_isotropic, principal_frame
+from dress_jax.energy.gathers import gathered_triangles
 from dress_jax.energy.membrane import (
     MembraneFrame,
     MembraneModel,
@@ -16,7 +17,7 @@ from dress_jax.energy.orthotropic import (
     orthotropic_energy,
     orthotropic_hessian,
 )
-from dress_jax.energy.rest import RestTriangles, rest_triangles
+from dress_jax.energy.rest import RestTriangles
 from dress_jax.energy.strain_limit import strain_limit_energy, strain_limit_hessian
 
 
@@ -29,6 +30,11 @@ def orthotropic_stiffness(parameters: Parameters) -> OrthotropicStiffness:
         poisson_ratio=parameters.poisson_ratio,
         grain_angle=parameters.grain_angle,
     )
+
+
+def stretching_rest(parameters: Parameters, cloth: Cloth) -> RestTriangles:
+    """The rest shape of the membrane."""
+    return gathered_triangles(parameters.rest_positions, cloth.rest_faces, cloth.gathers)
 
 
 def stretching_energy(
@@ -70,7 +76,7 @@ def stretching_frame(
         positions: components (3 of (n,)) of the vertices [m].
         project: to positive semidefinite; otherwise they are exact.
     """
-    rest = rest_triangles(parameters.rest_positions, cloth.rest_faces)
+    rest = stretching_rest(parameters, cloth)
     frame = principal_frame(positions, cloth.faces, rest)
     if cloth.membrane is MembraneModel.ORTHOTROPIC:
         hessian = orthotropic_hessian(

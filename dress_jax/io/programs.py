@@ -11,7 +11,7 @@ from pathlib import Path
 import jax
 
 _MAPS = Path("/proc/self/maps")
-_MANY_MAPS = 20_000
+_MANY_MAPS = 40_000
 
 
 def drop_programs_when_many(limit: int = _MANY_MAPS) -> bool:

@@ -59,7 +59,9 @@ class Assessment(NamedTuple):
 
 def _comfort(garment: Garment, tables: Tables) -> Float[Array, ""]:
     cloth = tables.cloth
-    return comfort(garment.positions, garment.rest_positions, cloth.faces, cloth.rest_faces)
+    return comfort(
+        garment.positions, garment.rest_positions, cloth.faces, cloth.rest_faces, cloth.gathers
+    )
 
 
 def _area_ratio(garment: Garment, tables: Tables) -> Float[Array, ""]:

@@ -16,7 +16,7 @@ from dress_jax.core.results import Result
 from dress_jax.energy.faults import check_parameters
 from dress_jax.energy.membrane import principal_stretches
 from dress_jax.energy.panels import triangle_place
-from dress_jax.energy.rest import rest_triangles
+from dress_jax.energy.stretching import stretching_rest
 from dress_jax.geometry.intersection import IntersectionCounts
 from dress_jax.sim.adjoint import Linearization
 from dress_jax.sim.inputs import StepInputs
@@ -155,7 +155,7 @@ def _check_strain(x0, objective: StepObjective) -> None:
     parameters, cloth = objective.parameters, objective.simulator.cloth
     if parameters.strain_limit is None:
         return
-    rest = rest_triangles(parameters.rest_positions, cloth.rest_faces)
+    rest = stretching_rest(parameters, cloth)
     stretch = np.asarray(principal_stretches(jnp.asarray(x0), cloth.faces, rest)[0])
     limit = np.broadcast_to(np.asarray(parameters.strain_limit.stretch), stretch.shape)
     beyond = np.flatnonzero(~(stretch < limit))

@@ -14,8 +14,8 @@ from dress_jax.core.buckets import bucket_size, pad_columns
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Cloth, Parameters, vertex_masses
 from dress_jax.energy.elastic import TimeStep
-from dress_jax.energy.rest import rest_triangles
 from dress_jax.energy.strain_limit import strain_step_bound
+from dress_jax.energy.stretching import stretching_rest
 from dress_jax.sim import kernels, matrices
 from dress_jax.sim.inputs import StepInputs
 from dress_jax.sim.kernels import Frame, Kernels, make_frame
@@ -311,7 +311,7 @@ class StepObjective:
         if limit is None:
             return bound
         cloth, padding = self._padding.cloth, self._padding
-        rest = rest_triangles(self._padded.rest_positions, cloth.rest_faces)
+        rest = stretching_rest(self._padded, cloth)
         x, along = padding.positions(positions), padding.vectors(displacement)
         return min(bound, float(strain_step_bound(x, along, cloth.faces, rest, limit)))
 

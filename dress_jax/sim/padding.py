@@ -18,11 +18,12 @@ from dress_jax.core.buckets import bucket_size
 from dress_jax.core.errors import InputError
 from dress_jax.energy.cloth import Cloth, Parameters, make_cloth
 from dress_jax.energy.elastic import TimeStep
+from dress_jax.energy.gathers import Gathers
 from dress_jax.sim.inputs import StepInputs
 
 # Capacities grow in small steps: every program pays for what is padded.
 _GROWTH = 1.2
-_SMALLEST_FACES, _SMALLEST_BODY, _SMALLEST_LIST = 128, 256, 64
+_SMALLEST_FACES, _SMALLEST_BODY, _SMALLEST_LIST, _SMALLEST_GATHERS = 128, 256, 64, 512
 # Of a garment's mesh relative to its triangles. With all of them tied to one number, garments share
 # all of their programs or none.
 _VERTEX_SHARE, _PANEL_VERTEX_SHARE, _HINGE_SHARE = 0.6, 0.65, 1.5
@@ -58,6 +59,7 @@ class Sizes:
     hinges: int
     pins: int
     stitches: int
+    gathers: int
     body_vertices: int
 
 
@@ -172,6 +174,7 @@ def make_padding(cloth: Cloth, body_count: int) -> Padding:
         hinges=cloth.hinges.shape[1],
         pins=len(cloth.pins),
         stitches=cloth.stitches.shape[1],
+        gathers=len(cloth.gathers.faces),
         body_vertices=body_count,
     )
     square = make_cloth(_SQUARE_FACES)
@@ -190,6 +193,7 @@ def make_padding(cloth: Cloth, body_count: int) -> Padding:
         hinges=int(_HINGE_SHARE * faces),
         pins=bucket_size(true.pins, smallest=_SMALLEST_LIST),
         stitches=bucket_size(true.stitches, smallest=_SMALLEST_LIST),
+        gathers=bucket_size(true.gathers, smallest=_SMALLEST_GATHERS),
         body_vertices=bucket_size(body_count, smallest=_SMALLEST_BODY, growth=_GROWTH),
     )
 
@@ -203,6 +207,15 @@ def make_padding(cloth: Cloth, body_count: int) -> Padding:
     first = true.vertices
     pins = np.full(padded.pins - true.pins, first, np.int32)
     stitches = np.full((2, padded.stitches - true.stitches), first, np.int32)
+    # An edge of the square that is drawn up to its own length.
+    missing = padded.gathers - true.gathers
+    edge = np.repeat(np.array([[0], [1]]) + true.panel_vertices, missing, axis=1)
+    own, other = (
+        jnp.asarray(np.concatenate([np.asarray(ends), edge], axis=1), jnp.int32)
+        for ends in (cloth.gathers.own, cloth.gathers.other)
+    )
+    owner = np.concatenate([np.asarray(cloth.gathers.faces), np.full(missing, true.faces)])
+    gathers = Gathers(jnp.asarray(owner, jnp.int32), own, other)
     return Padding(
         cloth=Cloth(
             faces=extended(cloth.faces, square.faces, first, faces),
@@ -212,6 +225,7 @@ def make_padding(cloth: Cloth, body_count: int) -> Padding:
             hinge_corners=extended(cloth.hinge_corners, square.hinge_corners, 0, padded.hinges),
             pins=jnp.asarray(np.concatenate([np.asarray(cloth.pins), pins])),
             stitches=jnp.asarray(np.concatenate([np.asarray(cloth.stitches), stitches], axis=1)),
+            gathers=gathers,
             vertex_count=padded.vertices,
             membrane=cloth.membrane,
         ),

@@ -129,7 +129,8 @@ def dress(
     positions = np.zeros((discretization.vertex_count, 3))
     fittings = []
     for number, component in enumerate(parts):
-        joined = join(component.surface, clearance=_CLEARANCE)
+        core = collider.thinned(1.0, arms=1.0, arm_length=0.0), collider.faces
+        joined = join(component.surface, clearance=_CLEARANCE, core=core)
         if not joined.free:
             _refuse(
                 component,
@@ -169,6 +170,7 @@ def dress(
     cloth = make_cloth(
         faces,
         rest_faces,
+        rest_positions=rest_positions,
         vertex_count=discretization.vertex_count,
         pins=pins,
         membrane=options.membrane,
@@ -196,6 +198,7 @@ def _grow(
         cloth = make_cloth(
             surface.faces,
             surface.rest_faces,
+            rest_positions=surface.rest_positions,
             vertex_count=surface.vertex_count,
             pins=pins,
             membrane=options.membrane,

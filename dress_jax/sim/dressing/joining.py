@@ -10,7 +10,14 @@ panels, b what L p is along edges that are not sewn: without it smoothing would 
 its free edges). It passes through the seams without a crease, so panels that overlap as placed,
 caps that reach into armholes and gathers that are wider than what they are sewn to cannot cross
 there. Where it crosses itself all the same, the smoothing length l grows locally until it does not.
-Its lengths are not those of the rest shape; the first relaxation of the cloth restores them.
+
+Some panels are placed so that this ends in knots (a circle skirt that lies on the sleeves, flounces
+of two legs in one another), or so that the wearer's skeleton, around which the garment is to be,
+leaves it for a few centimetres (a crotch that smoothing has lifted). Then p moves: inward where the
+surface meets itself, outward where the skeleton pierces it, a little further in every round.
+
+Lengths of the joined surface are not those of the rest shape; the first relaxation of the cloth
+restores them.
 """
 
 import dataclasses
@@ -31,6 +38,8 @@ _EDGES = 1.5
 _GROWTH = 1.35  # of the smoothing length where the surface is not free
 _REACH = 0.08  # how far from a crossing it grows [m]
 _ROUNDS = 16
+_PUSH, _PUSH_REACH = 0.015, 0.06  # per round, and how far around a crossing [m]
+_PUSH_ROUNDS = 24
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,37 +86,121 @@ class Joined:
         return not self.crossed.any()
 
 
-def join(surface: Surface, *, clearance: float) -> Joined:
+def join(
+    surface: Surface,
+    *,
+    clearance: float,
+    core: tuple[Float[np.ndarray, "c 3"], Int[np.ndarray, "k 3"]] | None = None,
+) -> Joined:
     """The smooth welded surface near the placed panels, free of self-intersections if possible.
 
     Args:
         surface: the panels.
         clearance: distance that parts without a common vertex keep from each other [m]; where the
             surface is compressed that is much less than in its rest shape.
+        core: vertices [m] and triangles of what the surface is to be around, thin; without one it
+            is smoothed, but not pushed.
 
     Returns:
-        The surface; its `crossed` tells where it could not be freed.
+        The surface; its `crossed` tells where it could not be freed of itself. It may still be
+        pierced by the core.
     """
-    smoother = _Smoother(surface)
-    faces = surface.faces
-    mesh = make_collision_mesh(faces, surface.vertex_count)
-    edges = unique_edges(faces)
+    smoother, crossings = _Smoother(surface), _Crossings(surface, clearance, core)
     first = max(_FIRST_LENGTH, _EDGES * surface.edge_length)
     length = np.full(surface.vertex_count, first)
     for number in range(_ROUNDS):
         positions = smoother.solve(length)
-        touched = np.zeros(surface.vertex_count, bool)
-        crossings = edge_face_intersections(positions, edges, faces)
-        touched[edges[crossings[:, 0]]] = True
-        touched[faces[crossings[:, 1]]] = True
-        for rows in find_candidates(mesh, positions, positions, clearance):
-            touched[rows] = True
+        touched = crossings.with_itself(positions)
         if not touched.any() or number == _ROUNDS - 1:
             break
         distance, _ = cKDTree(positions[touched]).query(positions)
         length *= _GROWTH ** np.clip(1.5 - distance / _REACH, 0.0, 1.0)
-    crossed = np.any(touched[faces], axis=1)
-    return Joined(positions, np.asarray(crossed), float(length.max()))
+    smoothed = Joined(positions, np.any(touched[surface.faces], axis=1), float(length.max()))
+    if core is None or (smoothed.free and not len(crossings.with_core(positions))):
+        return smoothed
+    if not smoothed.free:
+        length = np.full(surface.vertex_count, first)
+    return _pushed(smoother, crossings, length) or smoothed
+
+
+def _pushed(
+    smoother: "_Smoother", crossings: "_Crossings", length: Float[np.ndarray, " n"]
+) -> Joined | None:
+    """The surface after it has been pushed free, or None where that does not free it."""
+    faces = crossings.faces
+    offset = np.zeros((len(length), 3))
+    for _ in range(_PUSH_ROUNDS):
+        positions = smoother.solve(length, offset)
+        touched = np.any(crossings.with_itself(positions)[faces], axis=1)
+        pierced = np.zeros(len(faces), bool)
+        pierced[crossings.with_core(positions)] = True
+        if not (touched.any() or pierced.any()):
+            return Joined(positions, touched, float(length.max()))
+        outward = crossings.outward(positions)
+        signs = np.where(pierced, 1.0, -1.0)[:, None]
+        moved = touched | pierced
+        centres = positions[faces].mean(axis=1)[moved]
+        offset += _PUSH * _bumps(positions, centres, (signs * outward)[moved])
+    return None
+
+
+def _bumps(
+    positions: Float[np.ndarray, "n 3"],
+    centres: Float[np.ndarray, "k 3"],
+    directions: Float[np.ndarray, "k 3"],
+) -> Float[np.ndarray, "n 3"]:
+    """Directions at the positions, fading out around the centres."""
+    tree = cKDTree(centres)
+    found = np.zeros_like(positions)
+    near = tree.query_ball_point(positions, 3.0 * _PUSH_REACH)
+    for vertex, rows in enumerate(near):
+        if rows:
+            squared = np.sum((centres[rows] - positions[vertex]) ** 2, axis=1) / _PUSH_REACH**2
+            weights = np.exp(-squared)
+            found[vertex] = weights.max() * (weights @ directions[rows]) / weights.sum()
+    return found
+
+
+class _Crossings:
+    """Where a surface meets itself, and what it is to be around."""
+
+    def __init__(self, surface: Surface, clearance: float, core):
+        self.faces, self._clearance = surface.faces, clearance
+        self._mesh = make_collision_mesh(surface.faces, surface.vertex_count)
+        self._edges = unique_edges(surface.faces)
+        self._core, core_faces = (np.zeros((0, 3)), None) if core is None else core
+        if core_faces is not None:
+            self._core_faces = np.asarray(core_faces)
+            self._core_edges = unique_edges(self._core_faces)
+            self._tree = cKDTree(self._core)
+
+    def with_itself(self, positions: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+        """Vertices of crossing triangles, or of pairs closer than the clearance."""
+        touched = np.zeros(len(positions), bool)
+        crossings = edge_face_intersections(positions, self._edges, self.faces)
+        touched[self._edges[crossings[:, 0]]] = True
+        touched[self.faces[crossings[:, 1]]] = True
+        for rows in find_candidates(self._mesh, positions, positions, self._clearance):
+            touched[rows] = True
+        return touched
+
+    def with_core(self, positions: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " k"]:
+        """Triangles that the core pierces, or that pierce it."""
+        everything, n = np.concatenate([positions, self._core]), len(positions)
+        through = edge_face_intersections(everything, self._core_edges + n, self.faces)[:, 1]
+        edges = edge_face_intersections(everything, self._edges, self._core_faces + n)[:, 0]
+        reached = np.zeros(n, bool)
+        reached[self._edges[edges]] = True
+        return np.union1d(through, np.flatnonzero(reached[self.faces].sum(axis=1) >= 2))
+
+    def outward(self, positions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "f 3"]:
+        """Unit normals, turned so that on the whole they point away from the core."""
+        corners = positions[self.faces]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        centres = corners.mean(axis=1)
+        away = centres - self._core[self._tree.query(centres)[1]]
+        sign = 1.0 if np.sum(normals * away) >= 0.0 else -1.0
+        return sign * normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
 class _Smoother:
@@ -132,8 +225,8 @@ class _Smoother:
         self._wanted = gather @ (mass[:, None] * placed)
         self._flux = gather @ _free_edge_flux(placed, compact, weld[used])
 
-    def solve(self, length: np.ndarray) -> np.ndarray:
-        """Positions for smoothing lengths per vertex [m]."""
+    def solve(self, length: np.ndarray, offset: np.ndarray | None = None) -> np.ndarray:
+        """Positions for smoothing lengths per vertex [m], the panels moved by an offset [m]."""
         bending = self._laplacian @ scipy.sparse.diags(length**4 / self._mass)
         matrix = (scipy.sparse.diags(self._mass) + bending @ self._laplacian).tocsc()
         factor = scipy.sparse.linalg.splu(
@@ -142,7 +235,8 @@ class _Smoother:
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )
-        return factor.solve(self._wanted + bending @ self._flux)
+        wanted = self._wanted if offset is None else self._wanted + self._mass[:, None] * offset
+        return factor.solve(wanted + bending @ self._flux)
 
 
 def _free_edge_flux(

@@ -28,6 +28,10 @@ _CARRY_NEAR, _CARRY_FAR = 0.01, 0.05  # cloth is carried fully, and not at all, 
 _SMALLEST_ADVANCE = 1e-4  # [m]
 _PATIENCE = 8  # relaxations without an advance, or without enough distance
 _KEPT_SHARE = 0.5  # of the smallest distance, while it is below twice the thickness
+# The same where cloth has to be driven apart at the end: a barrier that begins close to where a
+# tight cuff presses with all its force lifts it, one that begins at half of it does not.
+_DRIVEN_SHARE, _DRIVES = 0.97, 40
+_DRIVEN_TOLERANCE = 0.05  # of Newton, over the thickness; on the way it is far coarser
 _SAFETY = 0.9  # of the collision-free part of a motion
 
 
@@ -59,11 +63,17 @@ def motion_bound(
     motion = np.concatenate([displacement, body_displacement])
     reach = 2.0 * float(simulator.settings.thickness) * simulator.contact_scales
     rows = find_candidates(simulator.broad_phase, start, start + motion, reach)
+    padding = simulator.padding
     return float(
         step_bound(
-            jnp.asarray(start),
-            jnp.asarray(motion),
-            make_candidates(*rows, scales=simulator.contact_scales),
+            jnp.asarray(np.concatenate([padding.positions(positions), padding.body(body)])),
+            jnp.asarray(
+                np.concatenate([padding.vectors(displacement), padding.body(body_displacement)])
+            ),
+            make_candidates(
+                *(padding.indices(part) for part in rows),
+                scales=padding.together(simulator.contact_scales),
+            ),
             min_distance=simulator.settings.thickness,
         )
     )
@@ -175,13 +185,13 @@ class _Walk:
         objective = resting_objective(simulator, parameters, positions)
         self._keep(objective.smallest_distances(positions).scaled)
 
-    def _keep(self, smallest: float) -> None:
+    def _keep(self, smallest: float, share: float = _KEPT_SHARE) -> None:
         """Adapt the thickness to the smallest distance of a pair over its scale [m]."""
         wanted = float(self._simulator.settings.thickness)
         self._smallest = smallest
         self._loose.settings = replace(
             self._simulator.settings,
-            thickness=jnp.asarray(min(wanted, _KEPT_SHARE * smallest), jnp.float64),
+            thickness=jnp.asarray(min(wanted, share * smallest), jnp.float64),
         )
 
     def _tell(self) -> None:
@@ -240,9 +250,14 @@ class _Walk:
         """Relax until everything is further apart than the thickness."""
         self.relax()
         wanted = float(self._simulator.settings.thickness)
-        for _ in range(_PATIENCE):
-            if self._smallest <= wanted:
-                self.relax()
+        self._loose.newton = dataclasses.replace(
+            self._loose.newton, tolerance=_DRIVEN_TOLERANCE * wanted
+        )
+        for _ in range(_DRIVES):
+            if self._smallest > wanted:
+                break
+            self._keep(self._smallest, _DRIVEN_SHARE)
+            self.relax()
         if self._smallest <= wanted:
             raise InputError(
                 f"parts of the cloth stay {1e3 * self._smallest:.4f} mm from each other or from "
