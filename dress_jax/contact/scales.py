@@ -21,8 +21,7 @@ _GROWTH = 0.25  # of the reach along the cloth, metres per metre
 
 
 def contact_scales(
-    rest_positions: Float[np.ndarray, "p 2"],
-    rest_faces: Int[np.ndarray, "f 3"],
+    rest_corners: Float[np.ndarray, "f 3 2"],
     faces: Int[np.ndarray, "f 3"],
     vertex_count: int,
     settings: ContactSettings,
@@ -35,8 +34,7 @@ def contact_scales(
     changes, that is evaluated once and then stays.
 
     Args:
-        rest_positions: panel coordinates [m].
-        rest_faces: panel vertices of the triangles.
+        rest_corners: of the rest triangles, each in its own plane [m].
         faces: vertices of the same triangles.
         vertex_count: n.
         settings: the lengths to be scaled.
@@ -44,7 +42,7 @@ def contact_scales(
     Raises:
         InputError: a rest triangle without area.
     """
-    corners = np.asarray(rest_positions, np.float64)[np.asarray(rest_faces)]
+    corners = np.asarray(rest_corners, np.float64)
     faces = np.asarray(faces)
     clearance = np.full(vertex_count, np.inf)
     for k in range(3):

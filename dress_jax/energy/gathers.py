@@ -20,6 +20,9 @@ from dress_jax.geometry.topology import hinges as find_hinges
 # A seam below this ratio of its lengths is eased: the cloth itself takes up the difference. Beyond
 # the other one it is no gather but a fault of the pattern, and shall show as the strain that it is.
 SMALLEST_RATIO, LARGEST_RATIO = 1.2, 5.0
+# Of the short side's segments, over the median edge of the mesh. Where a seam is cut finer it shows
+# a detail, the outline of a letter, and a triangle drawn up to it would be a needle.
+SMALLEST_SEGMENT = 0.25
 
 
 @pytree
@@ -44,7 +47,8 @@ def find_gathers(
 ) -> Gathers:
     """Seam edges, one side `SMALLEST_RATIO` to `LARGEST_RATIO` times as long as the other.
 
-    A triangle with two such edges, in a corner, is drawn up along the one that is longer by more.
+    Segments far finer than the mesh (`SMALLEST_SEGMENT`) are left alone. A triangle with two such
+    edges, in a corner of a panel, is drawn up along the one that is longer by more.
 
     Args:
         faces: vertices of the welded triangles.
@@ -60,10 +64,14 @@ def find_gathers(
         ]
     )  # (side, end, hinge)
     lengths = np.linalg.norm(rest[ends[:, 1]] - rest[ends[:, 0]], axis=-1)
+    corners = rest[rest_faces]
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    finest = SMALLEST_SEGMENT * np.median(edges) if edges.size else 0.0
     rows = []
     for long, short in ((0, 1), (1, 0)):
         least, most = SMALLEST_RATIO * lengths[short], LARGEST_RATIO * lengths[short]
-        at = np.flatnonzero((least <= lengths[long]) & (lengths[long] <= most))
+        gathered = (least <= lengths[long]) & (lengths[long] <= most)
+        at = np.flatnonzero(gathered & (lengths[short] >= finest))
         ratio = lengths[long, at] / lengths[short, at]
         rows.append((ratio, found.faces[at, long], ends[long][:, at], ends[short][:, at]))
     ratio, owner, own, other = (np.concatenate(part, axis=-1) for part in zip(*rows, strict=True))
@@ -82,6 +90,22 @@ def no_gathers() -> Gathers:
     return Gathers(
         jnp.zeros(0, jnp.int32), jnp.zeros((2, 0), jnp.int32), jnp.zeros((2, 0), jnp.int32)
     )
+
+
+def gathered_corners(
+    rest_positions: Float[np.ndarray, "p 2"], rest_faces: Int[np.ndarray, "f 3"], gathers: Gathers
+) -> Float[np.ndarray, "f 3 2"]:
+    """Corners of the triangles, drawn up along gathered seams, on the host [m]."""
+    rest = np.asarray(rest_positions, np.float64)
+    corners = rest[np.asarray(rest_faces)]
+    faces, own, other = (np.asarray(part) for part in (gathers.faces, gathers.own, gathers.other))
+    edge, short = rest[own[1]] - rest[own[0]], rest[other[1]] - rest[other[0]]
+    length = np.linalg.norm(edge, axis=1)
+    along = (edge / length[:, None])[:, None]
+    ratio = np.linalg.norm(short, axis=1) / length
+    parts = np.sum(corners[faces] * along, axis=2, keepdims=True)
+    corners[faces] += (ratio - 1.0)[:, None, None] * parts * along
+    return corners
 
 
 def gathered_triangles(

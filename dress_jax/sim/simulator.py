@@ -18,6 +18,7 @@ from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Cloth, Gravity, Parameters
 from dress_jax.energy.fabric import Fabrics, make_parameters
+from dress_jax.energy.gathers import gathered_corners
 from dress_jax.energy.panels import FacePanels
 from dress_jax.energy.rest import vertex_areas
 from dress_jax.sim.clean_state import CleanState
@@ -217,8 +218,7 @@ def make_simulation(
         body_faces=body_faces,
         settings=settings,
         contact_scales=contact_scales(
-            rest_positions,
-            rest_faces,
+            gathered_corners(rest_positions, rest_faces, cloth.gathers),
             np.asarray(cloth.faces).T,
             cloth.vertex_count,
             settings,

@@ -7,7 +7,7 @@ import pytest
 
 from dress_jax.core.pytree import replace
 from dress_jax.energy.fabric import make_parameters
-from dress_jax.energy.gathers import find_gathers, gathered_triangles
+from dress_jax.energy.gathers import find_gathers, gathered_corners, gathered_triangles
 from dress_jax.energy.membrane import principal_stretches
 from dress_jax.energy.rest import rest_triangles
 from dress_jax.sim import make_cloth, make_simulator, static_solve
@@ -57,6 +57,7 @@ def test_the_shape_is_drawn_up_along_the_seam_only():
     flat = rest_triangles(jnp.asarray(rest), jnp.asarray(rest_faces.T))
     assert np.array_equal(triangles.areas, flat.areas)
     corners = rest[rest_faces]
+    on_the_host = gathered_corners(rest, rest_faces, gathers)
     for number, face in enumerate(np.asarray(gathers.faces)):
         own = rest[np.asarray(gathers.own)[:, number]]
         other = rest[np.asarray(gathers.other)[:, number]]
@@ -65,26 +66,62 @@ def test_the_shape_is_drawn_up_along_the_seam_only():
         assert ratio < 0.8
         u = edge / np.linalg.norm(edge)
         drawn_up = corners[face] + (ratio - 1.0) * (corners[face] @ u)[:, None] * u
+        np.testing.assert_allclose(on_the_host[face], drawn_up, rtol=0, atol=1e-15)
         position = np.c_[drawn_up, np.zeros(3)]
         one = jax.tree.map(lambda leaf, face=face: leaf[face : face + 1], triangles)
         stretches = principal_stretches(jnp.asarray(position), jnp.asarray([[0], [1], [2]]), one)
         np.testing.assert_allclose(np.concatenate(stretches), 1.0, rtol=0, atol=1e-12)
     rest_of_them = np.setdiff1d(np.arange(len(faces)), np.asarray(gathers.faces))
+    assert np.array_equal(on_the_host[rest_of_them], corners[rest_of_them])
     for drawn, plain in zip(triangles.inverse, flat.inverse, strict=True):
         assert np.array_equal(drawn[rest_of_them], plain[rest_of_them])
 
 
 def test_a_corner_is_drawn_up_along_its_longer_gather():
-    """Two seams of one triangle, sewn to edges of a half and a third of their lengths."""
-    rest = np.array(
-        [[0, 0], [1, 0], [0, 1], [0, 0], [0.5, 0], [0, 0.5], [0, 0], [0, 1 / 3], [1, 1]]
-    )
-    rest_faces = np.array([[0, 1, 2], [4, 3, 5], [6, 7, 8]])
-    faces = np.array([[0, 1, 2], [1, 0, 3], [0, 2, 4]])
+    """A square sewn to shorter strips along two sides, of a half and of a third of its lengths."""
+    count, rest, rest_faces, faces = 4, [], [], []
+
+    def strip(start, step, along, across, welded):
+        """One row of triangles whose first vertices are those of the square's side."""
+        first = len(rest)
+        for k in range(count + 1):
+            rest.extend([start + k * step * along, start + k * step * along + 0.5 * across])
+        for k in range(count):
+            p, q, r = first + 2 * k, first + 2 * k + 2, first + 2 * k + 1
+            rest_faces.append([p, q, r])
+            faces.append([welded[k], welded[k + 1], first + 2 * k + 1])
+
+    j, i = np.meshgrid(np.arange(count + 1), np.arange(count + 1), indexing="ij")
+    rest.extend(np.stack([i.ravel(), j.ravel()], 1).astype(float))
+    k = np.arange((count + 1) ** 2).reshape(count + 1, count + 1)
+    p, q, r, s = (part.ravel() for part in (k[:-1, :-1], k[:-1, 1:], k[1:, 1:], k[1:, :-1]))
+    # The first square is cut so that one triangle has both of its sewn sides.
+    square = np.concatenate([np.stack([p, q, s], 1), np.stack([q, r, s], 1)])
+    rest_faces.extend(square.tolist())
+    faces.extend(square.tolist())
+    right, up = np.eye(2)
+    strip(np.array([9.0, 0.0]), 1 / 2, right, -up, k[0, ::-1][::-1])
+    strip(np.array([0.0, 9.0]), 1 / 3, up, -right, k[:, 0])
+    rest, rest_faces, faces = np.array(rest), np.array(rest_faces), np.array(faces)
     found = find_gathers(faces, rest_faces, rest)
-    assert np.asarray(found.faces).tolist() == [0]
-    assert sorted(np.asarray(found.own)[:, 0]) == [0, 2]
-    assert sorted(np.asarray(found.other)[:, 0]) == [6, 7]
+    owners = np.asarray(found.faces).tolist()
+    assert len(owners) == len(set(owners)) == 2 * count - 1
+    own = np.asarray(found.own)[:, owners.index(0)]
+    assert sorted(own.tolist()) == [0, count + 1]
+
+
+def test_fine_segments_are_no_gathers():
+    """A cuff, with a mesh beside it that is twenty times as coarse."""
+    rest, rest_faces, faces, _, _ = cuff_and_sleeve(1.6)
+    coarse = 20 * STEP * np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) + 9.0
+    square = np.array([[0, 1, 2], [1, 3, 2]]) + len(rest)
+    more, fine = np.tile(square, (len(faces), 1)), np.concatenate([rest, coarse])
+    assert len(find_gathers(faces, rest_faces, rest).faces) == COLUMNS - 1
+    sizes = np.arange(len(more))[:, None] * 4 + square[0, 0]
+    more = np.concatenate([sizes + k for k in ([0, 1, 2], [1, 3, 2])])
+    fine = np.concatenate([rest, np.tile(coarse, (len(sizes), 1))])
+    both = [np.concatenate([part, more]) for part in (faces, rest_faces)]
+    assert len(find_gathers(*both, fine).faces) == 0
 
 
 @pytest.fixture(scope="module")

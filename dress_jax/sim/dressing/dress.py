@@ -195,10 +195,11 @@ def _grow(
     panels = FacePanels(panel_names, component.face_panel)
 
     def prepared(x: np.ndarray, body: np.ndarray, pins: np.ndarray, gravity: Gravity):
+        # Without gathers: the panels unfold from the joined surface all at once, and drawn-up
+        # seams have tangled there. The drape draws them up.
         cloth = make_cloth(
             surface.faces,
             surface.rest_faces,
-            rest_positions=surface.rest_positions,
             vertex_count=surface.vertex_count,
             pins=pins,
             membrane=options.membrane,

@@ -38,8 +38,10 @@ _EDGES = 1.5
 _GROWTH = 1.35  # of the smoothing length where the surface is not free
 _REACH = 0.08  # how far from a crossing it grows [m]
 _ROUNDS = 16
-_PUSH, _PUSH_REACH = 0.015, 0.06  # per round, and how far around a crossing [m]
+_PUSH = 0.015  # per round [m]
 _PUSH_ROUNDS = 24
+# Averages over the neighbours of a vertex: how far a push fades out, and what is near a triangle.
+_FADING, _NEIGHBOURHOOD = 12, 40
 
 
 @dataclasses.dataclass(frozen=True)
@@ -136,29 +138,11 @@ def _pushed(
         pierced[crossings.with_core(positions)] = True
         if not (touched.any() or pierced.any()):
             return Joined(positions, touched, float(length.max()))
-        outward = crossings.outward(positions)
-        signs = np.where(pierced, 1.0, -1.0)[:, None]
-        moved = touched | pierced
-        centres = positions[faces].mean(axis=1)[moved]
-        offset += _PUSH * _bumps(positions, centres, (signs * outward)[moved])
+        wanted = np.where(
+            pierced[:, None], crossings.outward(positions), crossings.inward(positions)
+        )
+        offset += _PUSH * crossings.spread(touched | pierced, wanted)
     return None
-
-
-def _bumps(
-    positions: Float[np.ndarray, "n 3"],
-    centres: Float[np.ndarray, "k 3"],
-    directions: Float[np.ndarray, "k 3"],
-) -> Float[np.ndarray, "n 3"]:
-    """Directions at the positions, fading out around the centres."""
-    tree = cKDTree(centres)
-    found = np.zeros_like(positions)
-    near = tree.query_ball_point(positions, 3.0 * _PUSH_REACH)
-    for vertex, rows in enumerate(near):
-        if rows:
-            squared = np.sum((centres[rows] - positions[vertex]) ** 2, axis=1) / _PUSH_REACH**2
-            weights = np.exp(-squared)
-            found[vertex] = weights.max() * (weights @ directions[rows]) / weights.sum()
-    return found
 
 
 class _Crossings:
@@ -168,6 +152,11 @@ class _Crossings:
         self.faces, self._clearance = surface.faces, clearance
         self._mesh = make_collision_mesh(surface.faces, surface.vertex_count)
         self._edges = unique_edges(surface.faces)
+        ends = np.concatenate([self._edges, self._edges[:, ::-1]])
+        links = scipy.sparse.csr_matrix(
+            (np.ones(len(ends)), (ends[:, 0], ends[:, 1])), 2 * (surface.vertex_count,)
+        )
+        self._mean = scipy.sparse.diags(1.0 / np.maximum(links.sum(axis=1).A1, 1.0)) @ links
         self._core, core_faces = (np.zeros((0, 3)), None) if core is None else core
         if core_faces is not None:
             self._core_faces = np.asarray(core_faces)
@@ -192,6 +181,29 @@ class _Crossings:
         reached = np.zeros(n, bool)
         reached[self._edges[edges]] = True
         return np.union1d(through, np.flatnonzero(reached[self.faces].sum(axis=1) >= 2))
+
+    def spread(
+        self, moved: Bool[np.ndarray, " f"], directions: Float[np.ndarray, "f 3"]
+    ) -> Float[np.ndarray, "n 3"]:
+        """Directions of some triangles, fading out along the surface, at most 1 long."""
+        corners = self.faces[moved]
+        sums = np.zeros((len(self._mean.indptr) - 1, 4))
+        for k in range(3):
+            np.add.at(sums[:, :3], corners[:, k], directions[moved])
+            np.add.at(sums[:, 3], corners[:, k], 1.0)
+        sums /= np.maximum(sums[:, 3:], 1.0)
+        for _ in range(_FADING):
+            sums = self._mean @ sums
+        weights = sums[:, 3:]
+        return sums[:, :3] / np.maximum(weights.max(), 1e-12)
+
+    def inward(self, positions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "f 3"]:
+        """Unit vectors back to where the surface around each triangle is."""
+        around = positions
+        for _ in range(_NEIGHBOURHOOD):
+            around = self._mean @ around
+        away = (around - positions)[self.faces].mean(axis=1)
+        return away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-3)
 
     def outward(self, positions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "f 3"]:
         """Unit normals, turned so that on the whole they point away from the core."""

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 from dress_jax.geometry.intersection import count_intersections, minimum_distance
 from dress_jax.geometry.topology import unique_edges
+from dress_jax.io.body_meshes import load_body_mesh
 from dress_jax.io.patterns import load_pattern
 from dress_jax.pattern import Pattern
 from dress_jax.sim.dressing.components import split_components
@@ -83,6 +85,40 @@ def test_what_cannot_be_freed_says_where():
     assert not joined.free
     assert joined.crossed.any()
     assert joined.crossed.shape == (len(surface.faces),)
+
+
+def test_a_skeleton_that_leaves_the_garment_is_taken_back_in():
+    """A core that bulges 3 cm through the front of a tube, as a branching skeleton does."""
+    (surface,) = surfaces(tube(top=100.0, bottom=60.0, half_width=30.0), 0.04)
+    plain = join(surface, clearance=CLEARANCE)
+    rod = trimesh.creation.cylinder(radius=0.005, height=0.6, sections=6).subdivide_loop(4)
+    core = np.asarray(rod.vertices)[:, [0, 2, 1]] + np.array([0.0, 0.8, 0.0])
+    front = plain.positions[np.abs(plain.positions[:, 1] - 0.8) < 0.05, 2].max()
+    core[:, 2] += (front + 0.03) * np.exp(-(((core[:, 1] - 0.8) / 0.06) ** 2))
+    faces = np.asarray(rod.faces)
+    assert count_intersections(plain.positions, surface.faces, core, faces).body > 0
+    joined = join(surface, clearance=CLEARANCE, core=(core, faces))
+    assert_free(joined, surface)
+    assert count_intersections(joined.positions, surface.faces, core, faces).body == 0
+    # Around it, not beside it: the front is in front of the core, the back behind it.
+    middle = np.abs(joined.positions[:, 1] - 0.8) < 0.04
+    bulge = core[np.abs(core[:, 1] - 0.8) < 0.04, 2]
+    assert joined.positions[middle, 2].max() > bulge.max()
+    assert joined.positions[middle, 2].min() < bulge.min()
+
+
+def test_sleeves_that_lie_in_a_skirt_are_drawn_out_of_it(shared_data):
+    """Smoothing alone does not free this one, which is a dress with wide sleeves."""
+    name = "rand_I0CCWU9UJN_specification.json"
+    pattern = load_pattern(shared_data / "patterns" / "garmentcodedata" / name)
+    (surface,) = surfaces(pattern, 0.03)
+    body, faces = load_body_mesh(shared_data / "bodies" / "mean_all.obj")
+    collider = make_collider(body, faces)
+    core = collider.thinned(1.0, arms=1.0, arm_length=0.0), collider.faces
+    assert not join(surface, clearance=CLEARANCE).free
+    joined = join(surface, clearance=CLEARANCE, core=core)
+    assert_free(joined, surface)
+    assert plan_growth(collider, joined.positions, surface.faces) is not None
 
 
 def test_components_come_from_the_lowest_to_the_highest():
