@@ -1,6 +1,7 @@
 """Drape every pattern of some folders on a body and say how it went.
 
     python benchmarks/drape_patterns.py FOLDER... --body BODY.obj --out OUT [--every 5]
+    python benchmarks/drape_patterns.py FOLDER... --body default --shape height=1.72,... --out OUT
 
 Writes one row per pattern to OUT/rows (so that an interrupted run goes on where it stopped),
 pictures, a table, results.json and a contact sheet. A drape is good where it has no intersection by
@@ -31,7 +32,7 @@ from dress_jax.application.quality import drape_quality  # noqa: E402
 from dress_jax.application.wearer import Wearer, static_wearer  # noqa: E402
 from dress_jax.core.errors import InputError  # noqa: E402
 from dress_jax.energy.fabric import FABRICS  # noqa: E402
-from dress_jax.io.body_meshes import load_body_mesh  # noqa: E402
+from dress_jax.io.bodies import body_from_argument  # noqa: E402
 from dress_jax.io.patterns import load_pattern  # noqa: E402
 from dress_jax.io.timing import stopwatch  # noqa: E402
 from dress_jax.pattern import components  # noqa: E402
@@ -160,14 +161,20 @@ def main() -> None:
     """Run the benchmark."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("patterns", type=Path, nargs="+")
-    parser.add_argument("--body", type=Path, required=True)
+    parser.add_argument("--body", required=True, help="a mesh, or default, in the A pose")
+    parser.add_argument(
+        "--shape", default="average", help="of the default body, as dress-jax drape"
+    )
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--edge-length", type=float, default=0.02)
     parser.add_argument("--fabric", choices=sorted(FABRICS), default="cotton")
     parser.add_argument("--only", default="", help="part of the names to run")
     parser.add_argument("--every", type=int, default=1, help="run every k-th pattern only")
     options = parser.parse_args()
-    wearer = static_wearer(*load_body_mesh(options.body))
+    rigged = options.body == "default"
+    body = body_from_argument(options.body, pose="a" if rigged else "t", shape=options.shape)
+    floor = body.vertices[:, 1].min() if rigged else 0.0
+    wearer = static_wearer(body.vertices - [0.0, floor, 0.0], body.faces)
     draping = DrapeOptions(
         edge_length=options.edge_length,
         fabric=options.fabric,

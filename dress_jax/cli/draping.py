@@ -24,7 +24,13 @@ DressingPose = Annotated[
     str | None,
     typer.Option(help="Pose for which the panels are placed; t unless given. Rigged bodies."),
 ]
-Shape = Annotated[str, typer.Option(help="Shape of the default body, such as female, male_tall.")]
+Shape = Annotated[
+    str,
+    typer.Option(
+        help="Shape of the body: female, male_tall ..., or measures in metres, any of "
+        "height=1.72,bust=0.95,waist=0.78,hips=1.0."
+    ),
+]
 EdgeLength = Annotated[float, typer.Option(help="Edge length of the cloth's triangles [m].")]
 FabricName = Annotated[
     str, typer.Option(help="cotton, denim, jersey, silk, wool, or another of docs/fabrics.md.")

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Array, Float, Int
 
 from dress_jax.body.model import BodyModel, forward, named_shape
 from dress_jax.body.poses import POSES, named_pose
+from dress_jax.body.shaping import shape_with
 from dress_jax.core.errors import InputError
 from dress_jax.io.body_meshes import load_body_mesh
 
@@ -141,10 +142,12 @@ def body_from_argument(
         body: "default", an SMPL-X `.npz` file, or a static mesh file in metres.
         pose: a named pose ("t", "a", "relaxed", "arms_up"), or an `.npz` file with `pose` or
             `poses` [rad] and optionally `betas`; static meshes keep their own pose.
-        shape: a named shape of the default body ("average", "female", "male", ...).
+        shape: a named shape of the default body ("average", "female", "male", ...), or measures of
+            a rigged one [m], as "height=1.72,bust=0.95,waist=0.78,hips=1.0", any of them.
 
     Raises:
-        InputError: a name is unknown, a file cannot be used, or a pose is asked of a static mesh.
+        InputError: a name is unknown, no shape has the measures, a file cannot be used, or a pose
+            is asked of a static mesh.
     """
     if str(body) == "default":
         model = load_default_body()
@@ -160,10 +163,7 @@ def body_from_argument(
         vertices, faces = load_body_mesh(body)
         return LoadedBody(vertices=vertices, faces=faces)
 
-    try:
-        coefficients = named_shape(model, str(shape))
-    except ValueError as error:
-        raise InputError(str(error), where="shape") from error
+    coefficients = _shape_argument(model, str(shape))
     rotations, from_file = _pose_argument(pose, joints=len(model.parents))
     if from_file is not None:
         if str(body) == "default":
@@ -186,6 +186,24 @@ def body_from_argument(
         pose=rotations,
         shape=np.asarray(coefficients),
     )
+
+
+def _shape_argument(model: BodyModel, shape: str) -> Float[Array, " b"]:
+    if "=" not in shape:
+        try:
+            return named_shape(model, shape)
+        except ValueError as error:
+            raise InputError(str(error), where="shape") from error
+    wanted = {}
+    for part in shape.split(","):
+        name, _, number = part.partition("=")
+        try:
+            wanted[name.strip()] = float(number)
+        except ValueError as error:
+            raise InputError(
+                f"'{part}' is no measure", where="shape", mend="write height=1.72,waist=0.78"
+            ) from error
+    return jnp.asarray(shape_with(model, wanted), model.template.dtype)
 
 
 def _pose_argument(pose: str | Path, *, joints: int) -> tuple[np.ndarray, np.ndarray | None]:
