@@ -13,7 +13,7 @@ from dress_jax.core.errors import InputError
 
 MEASURES = ("height", "bust", "waist", "hips")
 # Of a coefficient, for differences: where girths have a kink, a wider look finds a way on.
-_STEPS = (0.05, 0.3, 0.01)
+_STEPS = (0.05, 0.3, 1.0, 0.1)
 _ROUNDS = 20
 _LONGEST_STEP = 1.0  # of all coefficients together, in standard deviations
 _TOLERANCE = 2e-3  # far below what a tape on a living body can tell [m]
