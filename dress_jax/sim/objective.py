@@ -23,7 +23,7 @@ from dress_jax.sim.kernels import Frame, Kernels, make_frame
 from dress_jax.sim.simulator import Simulator
 from dress_jax.sim.sparsity import extended
 from dress_jax.solver.block_matrix import BlockSlots, element_pairs, upper_triangle
-from dress_jax.solver.linear import Factorization, LinearSolveError
+from dress_jax.solver.linear import Factorization
 
 Positions = Float[np.ndarray, "n 3"]
 
@@ -74,8 +74,8 @@ class StepObjective:
         self._body_moved = True
         self._contacts: list[Pairs] | None = None
         self._contacts_at = np.zeros((0, 3))
-        self._indefinite: scipy.sparse.csr_matrix | None = None
-        self._indefinite_at = np.zeros((0, 3))
+        self._exact: scipy.sparse.csr_matrix | None = None
+        self._exact_at = np.zeros((0, 3))
         self._sliding = []
         if simulator.friction:
             self._sliding = self._find_friction()
@@ -213,13 +213,15 @@ class StepObjective:
     def hessian_product(self, positions: Positions, direction: Positions) -> Positions:
         """The exact Hessian times a direction [N].
 
-        Where it has just been assembled and found indefinite, that matrix is multiplied: at 10,000
-        vertices a tenth of the time of the derivative of the gradient.
+        By the assembled matrix, which is kept until the next state: at 10,000 vertices it takes as
+        long as two or three derivatives of the gradient, and each product a tenth of one.
         """
-        upper = self._indefinite
-        if upper is not None and np.array_equal(self._indefinite_at, positions):
-            flat = direction.ravel()
-            return (upper @ flat + upper.T @ flat - upper.diagonal() * flat).reshape(-1, 3)
+        upper, flat = self._exact_matrix(positions), direction.ravel()
+        product = upper @ flat + upper.T @ flat - upper.diagonal() * flat
+        return product.reshape(-1, 3)
+
+    def derivative_product(self, positions: Positions, direction: Positions) -> Positions:
+        """The same as the derivative of the gradient along the direction, without a matrix [N]."""
         x, along = self._padding.positions(positions), self._padding.vectors(direction)
         parts = [
             term.product(x, along, *self._fixed, *pairs)
@@ -238,6 +240,23 @@ class StepObjective:
         Raises:
             LinearSolveError: it is not positive definite or not finite.
         """
+        upper = self._exact_matrix(positions) if exact else self._assembled(positions, exact=False)
+        if shift:
+            upper = upper.copy()
+            # The first entry of a row of the upper triangle is the diagonal.
+            upper.data[upper.indptr[:-1]] += shift * np.repeat(self.masses, 3)
+        return self.simulator.linear_solver.factorize(upper)
+
+    def _exact_matrix(self, positions: Positions) -> scipy.sparse.csr_matrix:
+        """The upper triangle of the exact Hessian; the last one is kept."""
+        if self._exact is None or not np.array_equal(self._exact_at, positions):
+            self._exact = None
+            self._exact = self._assembled(positions, exact=True)
+            self._exact_at = positions.copy()
+        return self._exact
+
+    def _assembled(self, positions: Positions, *, exact: bool) -> scipy.sparse.csr_matrix:
+        """The upper triangle of the Hessian."""
         kinds = matrices.EXACT if exact else matrices.PROJECTED
         families = [(kinds.sliding, pairs) for pairs in self._sliding]
         for pairs in self.contacts(positions):
@@ -253,18 +272,7 @@ class StepObjective:
         )
         for (kernel, pairs), target in zip(families, slots, strict=True):
             values = kernel(values, x, self._padded, self.frame, pairs, target)
-        upper = upper_triangle(simulator.pattern, values)
-        if shift:
-            # The first entry of a row of the upper triangle is the diagonal.
-            upper.data[upper.indptr[:-1]] += shift * np.repeat(self.masses, 3)
-        if exact:
-            self._indefinite = None
-        try:
-            return simulator.linear_solver.factorize(upper)
-        except LinearSolveError:
-            if exact and not shift and np.all(np.isfinite(upper.data)):
-                self._indefinite, self._indefinite_at = upper, positions.copy()
-            raise
+        return upper_triangle(simulator.pattern, values)
 
     def _by_angle(self, positions: Positions, pairs: Pairs) -> tuple[Pairs, Pairs]:
         """Edge-edge pairs without those that are nearly parallel, and those."""
