@@ -96,7 +96,7 @@ def test_another_garment_of_similar_size_compiles_nothing():
     programs = [
         kernels.ELASTIC.value,
         kernels.ELASTIC.gradient,
-        kernels.ELASTIC.product,
+        matrices._exact_stencils,
         kernels.BARRIER.value,
         kernels.barrier_slopes,
         kernels.find_active,
