@@ -22,7 +22,12 @@ from dress_jax.sim.inputs import StepInputs
 from dress_jax.sim.kernels import Frame, Kernels, make_frame
 from dress_jax.sim.simulator import Simulator
 from dress_jax.sim.sparsity import extended
-from dress_jax.solver.block_matrix import BlockSlots, element_pairs, upper_triangle
+from dress_jax.solver.block_matrix import (
+    BlockSlots,
+    element_pairs,
+    symmetric_product,
+    upper_triangle,
+)
 from dress_jax.solver.linear import Factorization
 
 Positions = Float[np.ndarray, "n 3"]
@@ -216,8 +221,7 @@ class StepObjective:
         By the assembled matrix, which is kept until the next state: at 10,000 vertices it takes as
         long as two or three derivatives of the gradient, and each product a tenth of one.
         """
-        upper, flat = self._exact_matrix(positions), direction.ravel()
-        product = upper @ flat + upper.T @ flat - upper.diagonal() * flat
+        product = symmetric_product(self._exact_matrix(positions), direction.ravel())
         return product.reshape(-1, 3)
 
     def derivative_product(self, positions: Positions, direction: Positions) -> Positions:

@@ -203,3 +203,10 @@ def upper_triangle(pattern: BlockPattern, values: Values) -> scipy.sparse.csr_ma
     data = np.take(np.asarray(values).ravel(), pattern.entry)
     shape = (3 * pattern.size, 3 * pattern.size)
     return scipy.sparse.csr_matrix((data, pattern.indices, pattern.indptr), shape=shape)
+
+
+def symmetric_product(
+    upper: scipy.sparse.csr_matrix, vector: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """A symmetric matrix, given by its upper triangle, times a vector."""
+    return upper @ vector + upper.T @ vector - upper.diagonal() * vector
