@@ -100,7 +100,7 @@ def test_a_corner_is_drawn_up_along_its_longer_gather():
     rest_faces.extend(square.tolist())
     faces.extend(square.tolist())
     right, up = np.eye(2)
-    strip(np.array([9.0, 0.0]), 1 / 2, right, -up, k[0, ::-1][::-1])
+    strip(np.array([9.0, 0.0]), 1 / 2, right, -up, k[0])
     strip(np.array([0.0, 9.0]), 1 / 3, up, -right, k[:, 0])
     rest, rest_faces, faces = np.array(rest), np.array(rest_faces), np.array(faces)
     found = find_gathers(faces, rest_faces, rest)
@@ -114,12 +114,10 @@ def test_fine_segments_are_no_gathers():
     """A cuff, with a mesh beside it that is twenty times as coarse."""
     rest, rest_faces, faces, _, _ = cuff_and_sleeve(1.6)
     coarse = 20 * STEP * np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) + 9.0
-    square = np.array([[0, 1, 2], [1, 3, 2]]) + len(rest)
-    more, fine = np.tile(square, (len(faces), 1)), np.concatenate([rest, coarse])
     assert len(find_gathers(faces, rest_faces, rest).faces) == COLUMNS - 1
-    sizes = np.arange(len(more))[:, None] * 4 + square[0, 0]
-    more = np.concatenate([sizes + k for k in ([0, 1, 2], [1, 3, 2])])
-    fine = np.concatenate([rest, np.tile(coarse, (len(sizes), 1))])
+    first = np.arange(2 * len(faces))[:, None] * 4 + len(rest)
+    more = np.concatenate([first + k for k in ([0, 1, 2], [1, 3, 2])])
+    fine = np.concatenate([rest, np.tile(coarse, (len(first), 1))])
     both = [np.concatenate([part, more]) for part in (faces, rest_faces)]
     assert len(find_gathers(*both, fine).faces) == 0
 
