@@ -16,9 +16,8 @@ from dress_jax.application.wearer import Wearer
 from dress_jax.contact.barrier import ContactSettings
 from dress_jax.core.errors import InputError
 from dress_jax.core.precision import require_float64
-from dress_jax.core.pytree import replace
 from dress_jax.core.results import Result
-from dress_jax.energy.cloth import Gravity, Parameters
+from dress_jax.energy.cloth import Parameters
 from dress_jax.energy.fabric import Fabrics, named_fabric
 from dress_jax.energy.panels import FacePanels
 from dress_jax.io.meshes import GarmentMesh
@@ -35,7 +34,7 @@ from dress_jax.render.shading import label_colors, preview
 from dress_jax.sim import Simulator, make_simulation, static_solve
 from dress_jax.sim.certificate import certify
 from dress_jax.sim.dressing import DressedGarment, DressingOptions, dress
-from dress_jax.sim.dressing.motion import follow_body
+from dress_jax.sim.dressing.posing import WaistHold, follow_pose
 from dress_jax.sim.equilibrium import Report
 from dress_jax.solver import NewtonOptions
 from dress_jax.solver.linear import LinearSolveError
@@ -55,6 +54,10 @@ class DrapeOptions:
         panel_fabrics: names of panels, `*` and `?` allowed, each with the name of their fabric;
             where several fit a panel, the last of them counts.
         newton: stopping rule of the final drape.
+        waist_hold: what keeps the waist in place while the body moves into its pose.
+        strain_limit: largest stretch of a triangle in the final drape, above 1; None for no limit.
+        friction: whether friction acts in the final drape; the garment then hangs where it was
+            put on, instead of sliding until nothing pulls it along.
         dressing: how the garment is put on.
         contact: lengths of the contact model, None for the default.
     """
@@ -63,6 +66,9 @@ class DrapeOptions:
     fabric: str = FABRIC
     panel_fabrics: tuple[tuple[str, str], ...] = ()
     newton: NewtonOptions = dataclasses.field(default_factory=NewtonOptions)
+    waist_hold: WaistHold = WaistHold.PINS
+    strain_limit: float | None = None
+    friction: bool = False
     dressing: DressingOptions = dataclasses.field(default_factory=DressingOptions)
     contact: ContactSettings | None = None
 
@@ -72,6 +78,12 @@ class DrapeOptions:
                 f"the edge length is {self.edge_length}",
                 where="edge length",
                 mend=f"give metres, from {SMALLEST_EDGE_LENGTH} to {LARGEST_EDGE_LENGTH}",
+            )
+        if self.strain_limit is not None and not self.strain_limit > 1.0:
+            raise InputError(
+                f"the strain limit is {self.strain_limit}",
+                where="strain limit",
+                mend="give the largest stretch, such as 1.1 for 10 % of strain",
             )
         for name in (self.fabric, *(fabric for _, fabric in self.panel_fabrics)):
             named_fabric(name)
@@ -104,7 +116,7 @@ class DrapeResult:
     Attributes:
         pattern, discretization, wearer, options: what was draped.
         dressed: the garment after dressing; `positions` below are later ones.
-        simulator, parameters: of the final solve; no friction.
+        simulator, parameters: of the final solve.
         positions: the drape [m], shape (n, 3).
         report: how the solve went.
     """
@@ -166,7 +178,21 @@ def drape_pattern(
         progress=lambda stage, done: fraction(progress, stage, done),
     )
     panels = FacePanels(discretization.panel_names, np.asarray(discretization.face_panel))
-    dressed = _into_pose(dressed, rest, wearer, fabric, panels, options, progress)
+    if len(wearer.way):
+        dressed = follow_pose(
+            dressed,
+            rest,
+            wearer.start,
+            wearer.faces,
+            wearer.way,
+            fabric=fabric,
+            panels=panels,
+            hold=options.waist_hold,
+            settings=options.contact,
+            options=options.dressing,
+            progress=lambda done: fraction(progress, "pose", done),
+        )
+        fraction(progress, "pose", 1.0)
     simulator, parameters = make_simulation(
         dressed.cloth,
         dressed.positions,
@@ -176,6 +202,8 @@ def drape_pattern(
         body_vertices=wearer.vertices,
         body_faces=wearer.faces,
         pin_targets=dressed.pin_targets,
+        strain_limit=options.strain_limit,
+        friction=options.friction,
         settings=options.contact,
         newton=options.newton,
         linear_solver=options.dressing.linear_solver,
@@ -194,51 +222,6 @@ def drape_pattern(
         positions=np.asarray(drape.positions),
         report=drape.report,
     )
-
-
-def _into_pose(
-    dressed: DressedGarment,
-    rest: np.ndarray,
-    wearer: Wearer,
-    fabric: Fabrics,
-    panels: FacePanels,
-    options: DrapeOptions,
-    progress: Progress,
-) -> DressedGarment:
-    """The garment after the body has moved into its pose; pins ride on the body beneath them."""
-    if not len(wearer.way):
-        return dressed
-    from scipy.spatial import cKDTree
-
-    simulator, parameters = make_simulation(
-        dressed.cloth,
-        dressed.positions,
-        rest,
-        fabric=fabric,
-        panels=panels,
-        body_vertices=wearer.start,
-        body_faces=wearer.faces,
-        pin_targets=dressed.pin_targets,
-        gravity=Gravity.NONE,
-        settings=options.contact,
-        linear_solver=options.dressing.linear_solver,
-    )
-    positions, body, pins = dressed.positions, wearer.start, dressed.pin_targets
-    beneath = np.asarray(cKDTree(body).query(pins)[1], np.int64) if len(pins) else None
-    count = len(wearer.way)
-    for number, frame in enumerate(wearer.way):
-        fraction(progress, "pose", number / count)
-        if beneath is not None:
-            pins = pins + frame[beneath] - body[beneath]
-        parameters = replace(
-            parameters, body_vertices=jnp.asarray(body), pin_targets=jnp.asarray(pins)
-        )
-        positions = follow_body(
-            simulator, parameters, positions, frame[None], options=options.dressing.motion
-        )
-        body = frame
-    fraction(progress, "pose", 1.0)
-    return dataclasses.replace(dressed, positions=positions, pin_targets=pins)
 
 
 def draped_state(result: DrapeResult) -> DrapedState:
@@ -266,6 +249,9 @@ def draped_state(result: DrapeResult) -> DrapedState:
             "fabric": result.options.fabric,
             "panel_fabrics": [list(pair) for pair in result.options.panel_fabrics],
             "membrane": result.options.dressing.membrane.value,
+            "waist_hold": result.options.waist_hold.value,
+            "strain_limit": result.options.strain_limit,
+            "friction": result.options.friction,
             "pattern": result.pattern.source,
         },
     )

@@ -133,7 +133,8 @@ def fit_pattern(
         wearer: the body in the pose of the views.
         views: from `application.targets.read_targets`.
         folder: for checkpoints.
-        drape_options: mesh and fabric; the Newton rule holds for every drape.
+        drape_options: mesh and fabric; the Newton rule holds for every drape. Friction acts in the
+            initial drape only (S8.9, S9.9); a strain limit is refused.
         fit_options: see `optimisation.FitOptions`; terms for which there are no pictures are left
             out.
         truth: the true pattern, to measure against.
@@ -147,6 +148,12 @@ def fit_pattern(
     folder = Path(folder)
     drape_options = DrapeOptions() if drape_options is None else drape_options
     fit_options = scheduled(FitOptions().iterations) if fit_options is None else fit_options
+    if drape_options.strain_limit is not None:
+        raise InputError(
+            "a fit has no strain limit: a wrong pattern may have to stretch beyond it",
+            where="strain limit",
+            mend="fit without it, and drape the result with it",
+        )
     fit_options = _usable(fit_options, views)
     if truth is not None:
         length_errors(pattern, truth)  # says here, not after hours, where the two differ

@@ -98,6 +98,8 @@ def simulation_of(state: DrapedState, newton: NewtonOptions) -> tuple[Simulator,
     options = DrapeOptions(
         fabric=str(settings.get("fabric", FABRIC)),
         panel_fabrics=tuple(map(tuple, settings.get("panel_fabrics", ()))),
+        strain_limit=settings.get("strain_limit"),
+        friction=bool(settings.get("friction", False)),
     )
     cloth = make_cloth(
         garment.faces,
@@ -116,6 +118,8 @@ def simulation_of(state: DrapedState, newton: NewtonOptions) -> tuple[Simulator,
         body_vertices=state.body_vertices,
         body_faces=state.body_faces,
         pin_targets=state.pin_targets,
+        strain_limit=options.strain_limit,
+        friction=options.friction,
         newton=newton,
     )
 
@@ -125,7 +129,8 @@ def check_gradients(
 ) -> GradientReport:
     """Compare adjoint, forward mode and finite differences, one parameter after the other.
 
-    The drape is one step of 1 s from where the result ended, without friction, as in a fit.
+    The drape is one step of 1 s from where the result ended, with the strain limit and the friction
+    that it was made with.
 
     Args:
         state: from `io.results.read_result`.

@@ -1,5 +1,6 @@
 """The commands `drape` and `render`. Heavy imports wait until a command runs."""
 
+import dataclasses
 import enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -52,8 +53,29 @@ class Membrane(enum.Enum):
     ORTHOTROPIC = "orthotropic"
 
 
+class Waist(enum.Enum):
+    """What holds the waist on the way into a pose; values as in `sim.dressing.posing`."""
+
+    PINS = "pins"
+    SHRINK = "shrink"
+
+
+WaistName = Annotated[
+    Waist,
+    typer.Option(
+        help="What holds a skirt or trousers on the way into a pose: the waist rides on the body, "
+        "or its rest shape is shrunk and friction holds it."
+    ),
+]
 MembraneName = Annotated[
     Membrane, typer.Option(help="orthotropic tells warp (the panels' y) from weft.")
+]
+StrainLimit = Annotated[
+    float | None,
+    typer.Option(help="Largest stretch of a triangle, such as 1.1; none unless given."),
+]
+Friction = Annotated[
+    bool, typer.Option(help="Friction in the final drape, with the fabric's coefficient.")
 ]
 NewtonLimit = Annotated[int, typer.Option(min=1, help="Newton steps of a drape at most.")]
 Out = Annotated[Path, typer.Option(help="Folder for the results; made where it is missing.")]
@@ -71,6 +93,9 @@ def drape(
     fabric: FabricName = "cotton",
     fabric_of: FabricOf = None,
     membrane: MembraneName = Membrane.ARAP,
+    waist: WaistName = Waist.PINS,
+    strain_limit: StrainLimit = None,
+    friction: Friction = False,
     newton_limit: NewtonLimit = 300,
 ) -> ExitCode:
     """Put a garment on a body and let it hang: meshes, pictures and a report."""
@@ -83,8 +108,14 @@ def drape(
     from dress_jax.io.patterns import load_pattern
     from dress_jax.io.results import prepare_folder
     from dress_jax.io.timing import stopwatch
+    from dress_jax.sim.dressing.posing import WaistHold
 
-    options = drape_options(edge_length, fabric, fabric_of, membrane, newton_limit)
+    options = dataclasses.replace(
+        drape_options(edge_length, fabric, fabric_of, membrane, newton_limit),
+        waist_hold=WaistHold(waist.value),
+        strain_limit=strain_limit,
+        friction=friction,
+    )
     document = load_pattern(pattern)
     prepare_folder(out)
     wearer = find_wearer(body, pose=pose, shape=shape, dressing_pose=dressing_pose)

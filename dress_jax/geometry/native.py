@@ -13,6 +13,6 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     decorate at all; then the function is compiled in each process.
     """
     try:
-        return numba.njit(cache=True)(function)
+        return numba.njit(cache=True, nogil=True)(function)
     except RuntimeError:
-        return numba.njit(function)
+        return numba.njit(nogil=True)(function)

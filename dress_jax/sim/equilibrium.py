@@ -129,7 +129,10 @@ def _count_intersections(x, objective: StepObjective) -> IntersectionCounts:
 
 def _check_start(x0, objective: StepObjective) -> None:
     """Raise where the start state intersects or is closer than the thickness."""
-    mend = "start from a state without intersections, or put the garment on with `dress`"
+    mend = (
+        "start from a state without intersections, put the garment on with `sim.dressing.dress`, "
+        "or free this state with `sim.dressing.repair_start`"
+    )
     crossings = _count_intersections(x0, objective)
     if crossings.self or crossings.body:
         body = np.asarray(objective.parameters.body_vertices)

@@ -15,6 +15,9 @@ along (dx, dtheta),
 The Newton loop and the linear solves run on the host, so all four are primitives of JAX with
 derivative, transposition and batching rules, each a call of compiled pieces. Nothing but the
 inputs and the end of a step is kept for a backward pass, whatever the number of Newton iterations.
+
+Each primitive has a number of lanes: None for one step, or the length of the leading axis that all
+operands and results have. Lanes are solved at once (`sim.lanes`); the rules are the same for both.
 """
 
 import functools
@@ -33,6 +36,7 @@ from dress_jax.sim.adjoint import Linearization
 from dress_jax.sim.equilibrium import Report, solve_step
 from dress_jax.sim.inputs import StepInputs
 from dress_jax.sim.kernels import make_frame
+from dress_jax.sim.lanes import run_lanes
 from dress_jax.sim.objective import StepObjective
 from dress_jax.sim.simulator import Simulator
 
@@ -53,8 +57,8 @@ def advance(simulator: Simulator, inputs: StepInputs) -> tuple[Float[Array, "n 3
     """Positions at the end of one implicit step [m], and how the solve went.
 
     Differentiable in every leaf of the inputs: `jax.grad`, `jax.vjp`, `jax.jvp`, `jax.linearize`,
-    and `jax.jvp` of each. `jax.vmap` solves one after the other; many right-hand sides at one end
-    share one factorization.
+    and `jax.jvp` of each. `jax.vmap` over inputs solves several at once, `simulator.workers` at a
+    time; many right-hand sides at one end share one factorization.
 
     Args:
         simulator: host object.
@@ -68,7 +72,7 @@ def advance(simulator: Simulator, inputs: StepInputs) -> tuple[Float[Array, "n 3
     """
     leaves, tree = jax.tree.flatten(inputs)
     leaves = [jnp.asarray(leaf) for leaf in leaves]
-    positions, *report = _solve.bind(*leaves, simulator=simulator, tree=tree)
+    positions, *report = _solve.bind(*leaves, simulator=simulator, tree=tree, lanes=None)
     return positions, Report(*report)
 
 
@@ -82,14 +86,13 @@ def _solve_impl(*leaves, simulator: Simulator, tree) -> list[Array]:
     return [positions, *jax.tree.leaves(report)]
 
 
-def _solve_jvp(primals, tangents, *, simulator: Simulator, tree):
-    ends = _solve.bind(*primals, simulator=simulator, tree=tree)
+def _solve_jvp(primals, tangents, *, simulator: Simulator, tree, lanes):
+    options = dict(simulator=simulator, tree=tree, lanes=lanes)
+    ends = _solve.bind(*primals, **options)
     changes = [_no_change(end) for end in ends]
     moved, rates = _nonzero(tangents)
     if moved:
-        changes[0] = _rate.bind(
-            ends[0], *primals, *rates, simulator=simulator, tree=tree, moved=moved
-        )
+        changes[0] = _rate.bind(ends[0], *primals, *rates, moved=moved, **options)
     return ends, changes
 
 
@@ -106,9 +109,9 @@ def _rate_impl(x, *operands, simulator: Simulator, tree, moved):
     return jnp.asarray(-end.solve(end.force_rate(moved, end.rates(moved, rates))))
 
 
-def _rate_jvp(primals, tangents, *, simulator: Simulator, tree, moved):
+def _rate_jvp(primals, tangents, *, simulator: Simulator, tree, lanes, moved):
     count = 1 + tree.num_leaves
-    options = dict(simulator=simulator, tree=tree, moved=moved)
+    options = dict(simulator=simulator, tree=tree, lanes=lanes, moved=moved)
     out = _rate.bind(*primals, **options)
     total = _no_change(out)
     if not all(type(t) is ad.Zero for t in tangents[count:]):
@@ -121,12 +124,13 @@ def _rate_jvp(primals, tangents, *, simulator: Simulator, tree, moved):
     return out, total
 
 
-def _rate_transpose(cotangent, x, *operands, simulator: Simulator, tree, moved):
+def _rate_transpose(cotangent, x, *operands, simulator: Simulator, tree, lanes, moved):
     leaves = operands[: tree.num_leaves]
     none = [None] * (1 + tree.num_leaves)
     if type(cotangent) is ad.Zero:
         return none + [None] * len(moved)
-    pulled = _pull.bind(x, *leaves, cotangent, simulator=simulator, tree=tree, moved=moved)
+    options = dict(simulator=simulator, tree=tree, lanes=lanes, moved=moved)
+    pulled = _pull.bind(x, *leaves, cotangent, **options)
     return none + list(pulled)
 
 
@@ -136,8 +140,8 @@ def _pull_impl(x, *operands, simulator: Simulator, tree, moved):
     return end.pull(moved, end.solve(np.asarray(cotangent)))
 
 
-def _pull_jvp(primals, tangents, *, simulator: Simulator, tree, moved):
-    options = dict(simulator=simulator, tree=tree, moved=moved)
+def _pull_jvp(primals, tangents, *, simulator: Simulator, tree, lanes, moved):
+    options = dict(simulator=simulator, tree=tree, lanes=lanes, moved=moved)
     out = _pull.bind(*primals, **options)
     swept, sweeps = _nonzero(tangents)
     if not swept:
@@ -145,11 +149,10 @@ def _pull_jvp(primals, tangents, *, simulator: Simulator, tree, moved):
     return out, _pull_change.bind(*primals, *sweeps, swept=swept, **options)
 
 
-def _pull_transpose(cotangents, x, *operands, simulator: Simulator, tree, moved):
+def _pull_transpose(cotangents, x, *operands, simulator: Simulator, tree, lanes, moved):
     rates = [ad.instantiate_zeros(cotangent) for cotangent in cotangents]
-    back = _rate.bind(
-        x, *operands[: tree.num_leaves], *rates, simulator=simulator, tree=tree, moved=moved
-    )
+    options = dict(simulator=simulator, tree=tree, lanes=lanes, moved=moved)
+    back = _rate.bind(x, *operands[: tree.num_leaves], *rates, **options)
     return [None] * (1 + tree.num_leaves) + [back]
 
 
@@ -372,44 +375,84 @@ def _nonzero(tangents: Sequence[Any]) -> tuple[Indices, list[Array]]:
     return chosen, [tangents[k] for k in chosen]
 
 
-def _one_by_one(primitive: Primitive) -> Callable[..., Any]:
-    """The batching rule: one after the other."""
+def _in_lanes(single: Callable[..., Any], many: bool) -> Callable[..., Any]:
+    """The implementation of a primitive: itself, or in all lanes at once."""
 
-    def rule(operands, axes, **options):
+    def implementation(*operands, simulator: Simulator, lanes: int | None, **options):
+        if lanes is None:
+            return single(*operands, simulator=simulator, **options)
+
+        def solve(twin: Simulator, lane: int):
+            return single(*(operand[lane] for operand in operands), simulator=twin, **options)
+
+        results = run_lanes(simulator, lanes, solve)
+        if not many:
+            return jnp.stack(results)
+        return [jnp.stack(parts) for parts in zip(*results, strict=True)]
+
+    return implementation
+
+
+def _batching(primitive: Primitive, states: Callable[..., int]) -> Callable[..., Any]:
+    """The batching rule: of states, lanes; of right-hand sides at one state, one after the other.
+
+    Args:
+        states: how many of the first operands make a state, from the primitive's options.
+    """
+
+    def rule(operands, axes, *, simulator, lanes: int | None, **options):
         size = next(
             operand.shape[axis]
             for operand, axis in zip(operands, axes, strict=True)
             if axis is not batching.not_mapped
         )
+        shared = all(axis is batching.not_mapped for axis in axes[: states(**options)])
+        bind = functools.partial(primitive.bind, simulator=simulator, **options)
+        if shared and lanes is None:
+            results = [bind(*_pick_lane(operands, axes, k), lanes=None) for k in range(size)]
+            if not primitive.multiple_results:
+                return jnp.stack(results), 0
+            stacked = [jnp.stack(parts) for parts in zip(*results, strict=True)]
+            return stacked, [0] * len(stacked)
+        # A batch of batches is one of all lanes; those that may share a state are neighbours.
+        place = 0 if lanes is None else 1
+        moved = [
+            batching.bdim_at_front(operand, axis, size)
+            for operand, axis in zip(operands, axes, strict=True)
+        ]
+        if lanes is not None:
+            moved = [jnp.moveaxis(o, 0, 1).reshape(lanes * size, *o.shape[2:]) for o in moved]
+        results = bind(*moved, lanes=size * (lanes or 1))
 
-        def own(k: int) -> Any:
-            picked = [
-                operand
-                if axis is batching.not_mapped
-                else jax.lax.index_in_dim(operand, k, axis, keepdims=False)
-                for operand, axis in zip(operands, axes, strict=True)
-            ]
-            return primitive.bind(*picked, **options)
+        def apart(result):
+            return result if lanes is None else result.reshape(lanes, size, *result.shape[1:])
 
-        results = [own(k) for k in range(size)]
         if not primitive.multiple_results:
-            return jnp.stack(results), 0
-        stacked = [jnp.stack(parts) for parts in zip(*results, strict=True)]
-        return stacked, [0] * len(stacked)
+            return apart(results), place
+        return [apart(result) for result in results], [place] * len(results)
 
     return rule
 
 
+def _pick_lane(operands, axes, lane: int) -> list:
+    return [
+        operand
+        if axis is batching.not_mapped
+        else jax.lax.index_in_dim(operand, lane, axis, keepdims=False)
+        for operand, axis in zip(operands, axes, strict=True)
+    ]
+
+
 def _primitive(
-    name: str, implementation, shapes, derivative, transposition, *, many: bool
+    name: str, implementation, shapes, derivative, transposition, *, states, many: bool
 ) -> Primitive:
     made = Primitive(name)
     made.multiple_results = many
-    made.def_impl(implementation)
+    made.def_impl(_in_lanes(implementation, many))
     made.def_abstract_eval(shapes)
     ad.primitive_jvps[made] = derivative
     ad.primitive_transposes[made] = transposition
-    batching.primitive_batchers[made] = _one_by_one(made)
+    batching.primitive_batchers[made] = _batching(made, states)
     return made
 
 
@@ -421,12 +464,40 @@ def _like_the_leaves(x, *operands, moved, **_):
     return [operands[index] for index in moved]
 
 
-_solve = _primitive("implicit_step", _solve_impl, _untraceable, _solve_jvp, _no_reverse, many=True)
+def _inputs(*, tree, **_) -> int:
+    return tree.num_leaves
+
+
+def _end_and_inputs(*, tree, **_) -> int:
+    return 1 + tree.num_leaves
+
+
+_solve = _primitive(
+    "implicit_step",
+    _solve_impl,
+    _untraceable,
+    _solve_jvp,
+    _no_reverse,
+    states=_inputs,
+    many=True,
+)
 _rate = _primitive(
-    "implicit_step_rate", _rate_impl, _like_the_end, _rate_jvp, _rate_transpose, many=False
+    "implicit_step_rate",
+    _rate_impl,
+    _like_the_end,
+    _rate_jvp,
+    _rate_transpose,
+    states=_end_and_inputs,
+    many=False,
 )
 _pull = _primitive(
-    "implicit_step_pull", _pull_impl, _like_the_leaves, _pull_jvp, _pull_transpose, many=True
+    "implicit_step_pull",
+    _pull_impl,
+    _like_the_leaves,
+    _pull_jvp,
+    _pull_transpose,
+    states=_end_and_inputs,
+    many=True,
 )
 _rate_change = _primitive(
     "implicit_step_rate_change",
@@ -434,6 +505,7 @@ _rate_change = _primitive(
     _like_the_end,
     _no_reverse,
     _no_reverse,
+    states=_end_and_inputs,
     many=False,
 )
 _pull_change = _primitive(
@@ -442,5 +514,6 @@ _pull_change = _primitive(
     _like_the_leaves,
     _no_reverse,
     _no_reverse,
+    states=_end_and_inputs,
     many=True,
 )

@@ -15,6 +15,7 @@ from dress_jax.contact.barrier import ContactSettings, contact_settings
 from dress_jax.contact.broad_phase import BroadPhase, make_broad_phase, make_collision_mesh
 from dress_jax.contact.scales import contact_scales
 from dress_jax.core.errors import InputError
+from dress_jax.core.processors import processors
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Cloth, Gravity, Parameters
 from dress_jax.energy.fabric import Fabrics, make_parameters
@@ -57,6 +58,8 @@ class Simulator:
         panels: of the triangles, for messages; None where they are not known.
         clean_state: the last state that the exact intersection test found clean.
         last_end: the last step's end, for its derivatives.
+        workers: threads that solve the lanes of a batch (`sim.lanes`).
+        twins: simulators of these threads.
     """
 
     cloth: Cloth
@@ -77,6 +80,8 @@ class Simulator:
     panels: FacePanels | None = None
     clean_state: CleanState = dataclasses.field(default_factory=CleanState)
     last_end: LastEnd = dataclasses.field(default_factory=LastEnd)
+    workers: int = dataclasses.field(default_factory=processors)
+    twins: list["Simulator"] = dataclasses.field(default_factory=list, init=False, repr=False)
 
     @property
     def vertex_count(self) -> int:
@@ -184,11 +189,12 @@ def make_simulation(
     pin_targets: Float[np.ndarray, "k 3"] | None = None,
     gravity: Gravity = Gravity.DOWN,
     strain_limit: float | None = None,
+    friction: bool = False,
     settings: ContactSettings | None = None,
     newton: NewtonOptions | None = None,
     linear_solver: str = "auto",
 ) -> tuple[Simulator, Parameters]:
-    """A simulator without friction, and parameters for the same cloth and body.
+    """A simulator, and parameters for the same cloth and body.
 
     The contact model's lengths are reduced where the rest shape has triangles too small for them
     (`contact.scales`); without wishes also as a whole, to half of its median edge.
@@ -203,6 +209,7 @@ def make_simulation(
         pin_targets: where pins are held [m].
         gravity: direction and strength.
         strain_limit: largest stretch of a triangle, see `make_parameters`; None for no limit.
+        friction: whether friction acts, with the fabric's coefficient.
         settings, newton, linear_solver: see `make_simulator`.
 
     Raises:
@@ -224,6 +231,7 @@ def make_simulation(
             settings,
         ),
         newton=newton,
+        friction=friction,
         linear_solver=linear_solver,
         panels=panels,
     )

@@ -45,9 +45,9 @@ def static_solve(
     """Drape the cloth: one implicit step of 1 s from rest, or an equilibrium (S9.2, S9.3).
 
     Differentiable in every leaf of `parameters`: `jax.grad`, `jax.jvp` and products with second
-    derivatives by `jax.jvp` of `jax.grad`; `jax.vmap` solves one after the other. The derivative in
-    `initial_positions` is zero by definition: locally, the equilibrium does not depend on where
-    the search for it began (S9.4).
+    derivatives by `jax.jvp` of `jax.grad`; `jax.vmap` solves several at once (`sim.lanes`). The
+    derivative in `initial_positions` is zero by definition: locally, the equilibrium does not
+    depend on where the search for it began (S9.4).
 
     Args:
         simulator: host object made by `make_simulator`.

@@ -183,3 +183,30 @@ def test_a_garment_of_two_fabrics_that_tells_warp_from_weft(inputs, run, tmp_pat
     assert settings["fabric"] == "silk"
     assert settings["panel_fabrics"] == [["*front*", "denim"]]
     assert settings["membrane"] == "orthotropic"
+
+
+def test_a_strain_limit_and_friction(inputs, run, tmp_path):
+    """Both act in the drape, are kept with it, and bad limits are refused."""
+    drape = ("drape", inputs / "skirt.json", "--body", inputs / "body.obj", "--edge-length", 0.06)
+    result = run(*drape, "--strain-limit", 1.2, "--friction", "--out", tmp_path / "limited")
+    assert result.exit_code == 0, result.output
+    report = json.loads((tmp_path / "limited" / "report.json").read_text())
+    assert report["settings"]["strain_limit"] == 1.2
+    assert report["settings"]["friction"] is True
+    assert report["max_strain"] < 0.2
+    result = run(*drape, "--strain-limit", 0.9, "--out", tmp_path / "refused")
+    assert result.exit_code == 2
+    assert "strain limit" in result.output
+    assert not (tmp_path / "refused").exists()
+
+
+def test_friction_keeps_a_skirt_where_it_was_put_on(inputs, run, draped, tmp_path):
+    result = run(
+        *("drape", inputs / "skirt.json", "--body", inputs / "body.obj"),
+        *("--edge-length", 0.06, "--friction", "--out", tmp_path),
+    )
+    assert result.exit_code == 0, result.output
+    held, free = (
+        read_garment_obj(folder / "garment.obj").vertices for folder in (tmp_path, draped[0])
+    )
+    assert np.max(np.abs(held - free)) > 1e-4

@@ -131,26 +131,6 @@ def test_many_right_hand_sides_share_one_factorization(drape, monkeypatch):
     assert end.shape == start.shape
 
 
-def test_batches_solve_one_after_the_other(drape):
-    """`vmap` over designs: positions, reports and derivatives of each."""
-    simulator, parameters, start, weights = drape
-    densities = jnp.asarray([0.2, 0.19, 0.21])
-
-    def solve(density):
-        return static_solve(simulator, replace(parameters, density=density), start)
-
-    def loss(density):
-        return jnp.sum(weights * solve(density).positions)
-
-    batch = jax.vmap(solve)(densities)
-    assert batch.positions.shape == (3, *start.shape)
-    assert batch.report.iterations.shape == (3,)
-    slopes = jax.vmap(jax.grad(loss))(densities)
-    for density, positions, slope in zip(densities, batch.positions, slopes, strict=True):
-        assert np.array_equal(positions, solve(density).positions)
-        assert float(slope) == pytest.approx(float(jax.grad(loss)(density)), rel=1e-9)
-
-
 def test_a_chain_keeps_no_factorizations():
     """Of a chain of steps only the states are kept; the rest is made anew on the way back."""
     simulator, parameters, state, weights = swinging_sheet(friction=True)

@@ -91,6 +91,7 @@ def dress(
     body_faces: Int[np.ndarray, "k 3"],
     *,
     fabric: Fabrics,
+    placed: Float[np.ndarray, "p 3"] | None = None,
     settings: ContactSettings | None = None,
     options: DressingOptions | None = None,
     progress: Callable[[str, float], None] | None = None,
@@ -106,6 +107,7 @@ def dress(
         rest_positions: panel coordinates [m].
         body_vertices, body_faces: the body, in the pose for which the panels are placed [m].
         fabric: of the whole garment, or one per panel; used for dressing too.
+        placed: where the panel vertices stand [m]; default: as the pattern file places them.
         settings: lengths of the contact model.
         options: see `DressingOptions`.
         progress: called with the stage's name and the fraction of it that is done.
@@ -123,7 +125,8 @@ def dress(
 
     tell("join", 0.0)
     rest_positions = np.asarray(rest_positions, np.float64)
-    placed = np.asarray(placed_positions(jnp.asarray(rest_positions), discretization))
+    if placed is None:
+        placed = np.asarray(placed_positions(jnp.asarray(rest_positions), discretization))
     collider = make_collider(body_vertices, body_faces)
     parts = split_components(discretization, rest_positions, placed)
     positions = np.zeros((discretization.vertex_count, 3))

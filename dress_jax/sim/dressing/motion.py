@@ -1,7 +1,8 @@
 """A moving body as boundary condition (S8.6, S8.7): every state on the way is intersection-free.
 
 Body and cloth move in turns. The body takes the largest part of its way that continuous collision
-detection allows, with the cloth near it carried along; then the cloth relaxes.
+detection allows, with the cloth near it carried along; then the cloth relaxes. With friction, what
+was carried stays where friction holds it.
 """
 
 import dataclasses
@@ -227,7 +228,8 @@ class _Walk:
                 return
             whole = distance if whole is None else max(whole, distance)
             still = np.zeros_like(self.positions)
-            if self._bound(still, remaining) >= 1.0:
+            # With friction the cloth comes along, whether or not it is in the way.
+            if not self._simulator.friction and self._bound(still, remaining) >= 1.0:
                 self.body = target
                 self._tell()
                 return
