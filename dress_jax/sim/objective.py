@@ -127,11 +127,15 @@ class StepObjective:
             offset = offset - part * self._motion
         return bool(np.max(np.sum(offset**2, axis=1), initial=0.0) <= self._margin**2)
 
-    def pairs(self, positions: Positions) -> list[Pairs]:
-        """All pairs that may be in contact at a state, by family."""
+    def candidates(self, positions: Positions) -> Candidates:
+        """All pairs that may be in contact at a state."""
         self._cover(positions, positions)
-        found = self._candidates
-        assert found is not None
+        assert self._candidates is not None
+        return self._candidates
+
+    def pairs(self, positions: Positions) -> list[Pairs]:
+        """The same, by family."""
+        found = self.candidates(positions)
         return [
             Pairs(
                 found.vertex_face,
@@ -143,6 +147,10 @@ class StepObjective:
                 found.edge_edge, found.edge_edge_count, found.edge_edge_scales, PairKind.EDGE_EDGE
             ),
         ]
+
+    def padded(self, positions: Positions) -> Positions:
+        """Vertices of the cloth as compiled pieces take them [m]."""
+        return self._padding.positions(positions)
 
     def together(self, positions: Positions) -> Float[np.ndarray, "nb 3"]:
         """Vertices of cloth and body as pairs number them: padded [m]."""
@@ -188,7 +196,8 @@ class StepObjective:
         ]
 
     @property
-    def _fixed(self) -> tuple[Parameters, Cloth, Frame]:
+    def fixed(self) -> tuple[Parameters, Cloth, Frame]:
+        """What compiled pieces take beside positions and pairs: padded."""
         return self._padded, self._padding.cloth, self.frame
 
     def _active(self, positions: Positions, pairs: Pairs) -> ActivePairs:
@@ -200,7 +209,7 @@ class StepObjective:
         x = self._padding.positions(positions)
         # All terms are on their way before the first is waited for; likewise below.
         values = [
-            term.value(x, *self._fixed, *pairs) for term, pairs in self.terms(self.pairs(positions))
+            term.value(x, *self.fixed, *pairs) for term, pairs in self.terms(self.pairs(positions))
         ]
         return sum(float(value) for value in values)
 
@@ -208,7 +217,7 @@ class StepObjective:
         """The energy [J] and its gradient [N]."""
         x = self._padding.positions(positions)
         results = [
-            term.gradient(x, *self._fixed, *pairs)
+            term.gradient(x, *self.fixed, *pairs)
             for term, pairs in self.terms(self.contacts(positions))
         ]
         total = sum(float(value) for value, _ in results)
@@ -231,7 +240,7 @@ class StepObjective:
         """
         x, along = self._padding.positions(positions), self._padding.vectors(direction)
         parts = [
-            term.product(x, along, *self._fixed, *pairs)
+            term.product(x, along, *self.fixed, *pairs)
             for term, pairs in self.terms(self.contacts(positions))
         ]
         return np.asarray(sum(np.asarray(part) for part in parts))[: len(positions)]
@@ -268,27 +277,25 @@ class StepObjective:
         families = [(kinds.sliding, pairs) for pairs in self._sliding]
         for pairs in self.contacts(positions):
             if exact and pairs.kind is PairKind.EDGE_EDGE:
-                pairs, parallel = self._by_angle(positions, pairs)
+                pairs, parallel = self.by_angle(positions, pairs)
                 families.append((kinds.mollified, parallel))
             families.append((kinds.barrier, pairs))
-        slots = self._contact_slots([pairs for _, pairs in families], positions)
+        slots = self.contact_slots([pairs for _, pairs in families], positions)
 
         simulator, x = self.simulator, self._padding.positions(positions)
-        values = kinds.elastic(
-            x, *self._fixed, simulator.slots, capacity=simulator.pattern.capacity
-        )
+        values = kinds.elastic(x, *self.fixed, simulator.slots, capacity=simulator.pattern.capacity)
         for (kernel, pairs), target in zip(families, slots, strict=True):
             values = kernel(values, x, self._padded, self.frame, pairs, target)
         return upper_triangle(simulator.pattern, values)
 
-    def _by_angle(self, positions: Positions, pairs: Pairs) -> tuple[Pairs, Pairs]:
+    def by_angle(self, positions: Positions, pairs: Pairs) -> tuple[Pairs, Pairs]:
         """Edge-edge pairs without those that are nearly parallel, and those."""
         mask = np.asarray(kernels.find_parallel(self.together(positions), pairs))
         used = np.arange(len(mask)) < int(pairs.count)
         crossing, parallel = np.nonzero(used & ~mask)[0], np.nonzero(used & mask)[0]
         return _selected(pairs, crossing), _selected(pairs, parallel, smallest=256)
 
-    def _contact_slots(self, families: list[Pairs], positions: Positions) -> list[BlockSlots]:
+    def contact_slots(self, families: list[Pairs], positions: Positions) -> list[BlockSlots]:
         """Slots of contact pairs; extends the pattern where it lacks a block."""
         simulator = self.simulator
         size = simulator.pattern.size
