@@ -45,7 +45,8 @@ def partition(graph: scipy.sparse.csr_matrix, limit: int) -> tuple[Int[np.ndarra
     """Parts of at most `limit` nodes.
 
     A part grows by the node that is tied to it most strongly; the next one starts at the node with
-    the strongest ties to all parts so far. One that ends up small joins a neighbour with room.
+    the strongest ties to all parts so far. One that ends up small joins a neighbour with room, and
+    small pieces that are tied to nothing share parts.
 
     Args:
         graph: symmetric, weights >= 0, from `strengths`.
@@ -69,6 +70,7 @@ def _grow(indptr, indices, weights, limit):
     shore_count, first_free, count, left = 0, 0, 0, size
     members = np.empty(limit, np.int64)
     ties = np.zeros(size)
+    loose = -1  # the last part of pieces that are tied to nothing else
     while left > 0:
         chosen, best, kept = -1, -1.0, 0
         for at in range(shore_count):
@@ -122,10 +124,11 @@ def _grow(indptr, indices, weights, limit):
                 shore_count += 1
 
         if 2 * filled[count] <= limit:  # enclosed by others
-            host, best = -1, 0.0
+            host, best, tied = -1, 0.0, False
             for member in members[: filled[count]]:
                 for entry in range(indptr[member], indptr[member + 1]):
                     other = part[indices[entry]]
+                    tied = tied or other != count
                     if 0 <= other < count and filled[other] + filled[count] <= limit:
                         ties[other] += weights[entry]
                         if ties[other] > best:
@@ -135,6 +138,11 @@ def _grow(indptr, indices, weights, limit):
                     other = part[indices[entry]]
                     if other >= 0:
                         ties[other] = 0.0
+            if not tied:
+                if loose >= 0 and filled[loose] + filled[count] <= limit:
+                    host = loose
+                else:
+                    loose = count
             if host >= 0:
                 for member in members[: filled[count]]:
                     part[member] = host
