@@ -212,6 +212,14 @@ def test_no_convergence_is_an_error(monkeypatch):
     jax.clear_caches()
 
 
+def test_right_hand_side_that_is_not_a_number_is_an_error():
+    matrix, x = sheet_matrix(6)
+    b = _right_hand_side(x.size)
+    b[7] = np.nan
+    with pytest.raises(LinearSolveError):
+        TwoLevelSolver().factorize(matrix, x).solve(b)
+
+
 def test_size_that_is_no_multiple_of_three_is_refused():
     with pytest.raises(ValueError, match="three unknowns"):
         TwoLevelSolver().factorize(scipy.sparse.eye(10, format="csr"))

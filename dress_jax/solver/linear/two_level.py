@@ -194,7 +194,9 @@ def solve(system: TwoLevelSystem, layout: Layout, b: Vector, tolerance: Float[Ar
 
     start = (jnp.zeros_like(b), b, jnp.asarray(jnp.inf), jnp.asarray(0), jnp.asarray(1.0))
     x, _, _, iterations, curvature = jax.lax.while_loop(unfinished, improve, start)
-    return Solved(x, (iterations < _ITERATION_LIMIT) & (curvature > 0.0), iterations, curvature)
+    # A right-hand side that is not a number leaves the loop at once.
+    converged = (iterations < _ITERATION_LIMIT) & (curvature > 0.0) & jnp.isfinite(limit)
+    return Solved(x, converged, iterations, curvature)
 
 
 def _conjugate_gradient(
