@@ -108,9 +108,9 @@ class TimedSolver:
         self.name, self._clock = solver.name, clock
         self._factorize = clock.timed(solver.factorize, "factorization")
 
-    def factorize(self, upper):
+    def factorize(self, upper, positions=None):
         """The factorization, which times its solves."""
-        return _TimedFactorization(self._factorize(upper), self._clock)
+        return _TimedFactorization(self._factorize(upper, positions), self._clock)
 
 
 class _TimedFactorization:

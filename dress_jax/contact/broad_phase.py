@@ -13,8 +13,8 @@ from jaxtyping import Float, Int
 
 from dress_jax.contact.bvh import Tree, build_tree, refit, swept_boxes
 from dress_jax.core.errors import InputError
+from dress_jax.core.native import compiled
 from dress_jax.geometry.host_distance import edge_edge, point_triangle
-from dress_jax.geometry.native import compiled
 from dress_jax.geometry.topology import unique_edges
 
 

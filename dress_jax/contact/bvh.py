@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from dress_jax.geometry.native import compiled
+from dress_jax.core.native import compiled
 
 _LEAF_SIZE = 4
 

@@ -5,7 +5,7 @@ primitives, so they are never too small by more than rounding; where a triangle 
 may be too large by a tiny fraction of its size.
 """
 
-from dress_jax.geometry.native import compiled
+from dress_jax.core.native import compiled
 
 # Squared sine below which a corner or an edge pair counts as degenerate.
 _DEGENERATE = 1e-16

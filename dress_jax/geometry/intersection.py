@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from dress_jax.core.errors import InputError
+from dress_jax.core.native import compiled
 from dress_jax.geometry.host_distance import edge_edge, point_triangle
-from dress_jax.geometry.native import compiled
 from dress_jax.geometry.topology import unique_edges
 
 # Shewchuk's bound for orient3d is (7 + 56 u) u times the sum of absolute products, u = 2^-53. The

@@ -58,11 +58,20 @@ class Linearization:
         try:
             if self._wants_exact():
                 self._exact = self._factorize()
+            return self._preconditioned(right)
         except LinearSolveError as error:
             return _failed(right, str(error))
-        preconditioner = self._projected if self._exact is None else self._exact
-        assert preconditioner is not None
-        return solve_exact(self.objective, self.positions, right, preconditioner)
+
+    def _preconditioned(self, right: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        if self._exact is not None:
+            try:
+                return solve_exact(self.objective, self.positions, right, self._exact)
+            except LinearSolveError:
+                # An iterative solver notices no earlier that a matrix is indefinite.
+                self._exact, self._indefinite = None, True
+        if self._projected is None:
+            self._projected = self.objective.factorize(self.positions)
+        return solve_exact(self.objective, self.positions, right, self._projected)
 
     def _wants_exact(self) -> bool:
         """Whether to factorize the exact Hessian: once, unless one solve is all that is asked."""
@@ -70,14 +79,12 @@ class Linearization:
         return self._exact is None and not self._indefinite and not once
 
     def _factorize(self) -> Factorization | None:
-        """The exact Hessian where it is positive definite, and the projected one elsewhere."""
+        """The exact Hessian where it is positive definite."""
         try:
             return self.objective.factorize(self.positions, exact=True)
         except LinearSolveError:
             # Conjugate gradients will meet the negative curvature, and say so.
             self._indefinite = True
-            if self._projected is None:
-                self._projected = self.objective.factorize(self.positions)
             return None
 
 

@@ -60,9 +60,9 @@ def certify(
     # A step of 1 s from rest here: its inertia has no force.
     _, gradient = objective.value_and_gradient(x)
     residual = float(np.max(np.linalg.norm(gradient, axis=1), initial=0.0))
-    factorization, shift = _shifted(objective, x)
-    inverse = _Inverse(factorization, np.repeat(np.sqrt(objective.masses), 3))
     start = np.cos(np.arange(x.size, dtype=np.float64))  # the same answer every time
+    factorization, shift = _shifted(objective, x, start)
+    inverse = _Inverse(factorization, np.repeat(np.sqrt(objective.masses), 3))
     try:
         largest = scipy.sparse.linalg.eigsh(
             inverse,
@@ -88,12 +88,20 @@ class _Inverse(scipy.sparse.linalg.LinearOperator):
         return self._roots * self._factorization.solve(self._roots * x.ravel())
 
 
-def _shifted(objective: StepObjective, x: np.ndarray) -> tuple[Factorization, float]:
-    """The exact Hessian, factorized with the smallest of a few shifts [1/s^2] that lets it."""
+def _shifted(
+    objective: StepObjective, x: np.ndarray, trial: np.ndarray
+) -> tuple[Factorization, float]:
+    """The exact Hessian, factorized with the smallest of a few shifts [1/s^2] that lets it.
+
+    Args:
+        trial: a right-hand side, since an iterative solver may fail no earlier than in a solve.
+    """
     shift = 0.0
     while True:
         try:
-            return objective.factorize(x, exact=True, shift=shift), shift
+            factorization = objective.factorize(x, exact=True, shift=shift)
+            factorization.solve(trial)
+            return factorization, shift
         except LinearSolveError:
             shift = max(10.0 * shift, _FIRST_SHIFT)
             if shift > _LAST_SHIFT:

@@ -261,7 +261,7 @@ class StepObjective:
             upper = upper.copy()
             # The first entry of a row of the upper triangle is the diagonal.
             upper.data[upper.indptr[:-1]] += shift * np.repeat(self.masses, 3)
-        return self.simulator.linear_solver.factorize(upper)
+        return self.simulator.linear_solver.factorize(upper, positions)
 
     def _exact_matrix(self, positions: Positions) -> scipy.sparse.csr_matrix:
         """The upper triangle of the exact Hessian; the last one is kept."""

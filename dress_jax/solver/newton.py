@@ -272,10 +272,10 @@ def _direction(
     if attempt:
         try:
             factorization = objective.factorize(x, exact=True)
-        except LinearSolveError:
-            pass  # it is indefinite
-        else:
             step = -factorization.solve(gradient.ravel()).reshape(x.shape)
+        except LinearSolveError:
+            pass  # it is indefinite, which an iterative solver notices in the solve
+        else:
             return _Direction(step, True, 0.0, factorization)
     factorization = objective.factorize(x)
     projected = -factorization.solve(gradient.ravel()).reshape(x.shape)

@@ -26,9 +26,9 @@ class _Recorder:
     def __init__(self, solver):
         self._solver, self.upper = solver, None
 
-    def factorize(self, upper):
+    def factorize(self, upper, positions=None):
         self.upper = upper.copy()
-        return self._solver.factorize(upper)
+        return self._solver.factorize(upper, positions)
 
 
 @pytest.fixture(scope="module")

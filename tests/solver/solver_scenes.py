@@ -47,3 +47,11 @@ class BrokenFactorization:
             raise LinearSolveError("out of uses")
         self.uses -= 1
         return self.good.solve(right_hand_side)
+
+
+def grid_graph(side: int) -> scipy.sparse.csr_matrix:
+    """Nodes of a square grid, each tied to its four neighbours."""
+    path = scipy.sparse.diags([np.ones(side - 1)] * 2, [-1, 1])
+    graph = scipy.sparse.kronsum(path, path).tocsr()
+    graph.sort_indices()
+    return graph

@@ -8,7 +8,7 @@ from dress_jax.solver.linear.interface import LinearSolver
 
 def available_solvers() -> tuple[str, ...]:
     """Names of the solvers that can be made here, fastest first (benchmarks/linear.py)."""
-    names = ["superlu", "block-jacobi-cg"]
+    names = ["superlu", "two-level-cg"]
     if importlib.util.find_spec("pypardiso") is not None:
         names.insert(0, "pardiso")
     return tuple(names)
@@ -36,6 +36,6 @@ def make_solver(name: str = "auto") -> LinearSolver:
         from dress_jax.solver.linear.superlu import SuperluSolver
 
         return SuperluSolver()
-    from dress_jax.solver.linear.block_jacobi import BlockJacobiSolver
+    from dress_jax.solver.linear.two_level import TwoLevelSolver
 
-    return BlockJacobiSolver()
+    return TwoLevelSolver()

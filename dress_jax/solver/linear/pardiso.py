@@ -84,7 +84,11 @@ class PardisoSolver:
         self._handle.pt[:] = 0
         self.current, self._analyzed = None, None
 
-    def factorize(self, upper: scipy.sparse.csr_matrix) -> _PardisoFactorization:
+    def factorize(
+        self,
+        upper: scipy.sparse.csr_matrix,
+        positions: Float[np.ndarray, "nodes 3"] | None = None,
+    ) -> _PardisoFactorization:
         if not np.all(np.isfinite(upper.data)):
             raise LinearSolveError("the matrix has entries that are not finite")
         self.load(upper)

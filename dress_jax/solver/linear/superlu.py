@@ -21,7 +21,11 @@ class SuperluSolver:
 
     name = "superlu"
 
-    def factorize(self, upper: scipy.sparse.csr_matrix) -> _SuperluFactorization:
+    def factorize(
+        self,
+        upper: scipy.sparse.csr_matrix,
+        positions: Float[np.ndarray, "nodes 3"] | None = None,
+    ) -> _SuperluFactorization:
         if not np.all(np.isfinite(upper.data)):
             raise LinearSolveError("the matrix has entries that are not finite")
         full = (upper + scipy.sparse.triu(upper, 1).T).tocsc()

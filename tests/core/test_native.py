@@ -1,6 +1,6 @@
 import numba
 
-from dress_jax.geometry.native import compiled
+from dress_jax.core.native import compiled
 
 
 def test_compilation_without_a_cache_folder(monkeypatch):
