@@ -58,7 +58,7 @@ from dress_jax.solver.linear import make_solver  # noqa: E402
 CHANGE = 1.01
 STACK_LIMIT = 25  # Newton iterations of a step
 STAGES = (
-    (objective, "find_candidates", "broad phase"),
+    (objective.StepObjective, "_cover", "broad phase"),
     (kernels, "find_active", "active set"),
     (objective.StepObjective, "_contact_slots", "contact slots"),
     (objective.StepObjective, "factorize", "blocks and assembly"),

@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from dress_jax.contact.barrier import ContactSettings, contact_settings
-from dress_jax.contact.broad_phase import BroadPhase, make_broad_phase, make_collision_mesh
+from dress_jax.contact.broad_phase import make_collision_mesh
+from dress_jax.contact.pair_finders import PairFinder, make_pair_finder
 from dress_jax.contact.scales import contact_scales
 from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
@@ -49,7 +50,7 @@ class Simulator:
         linear_solver: factorizes the projected Hessians.
         padding: the cloth as compiled programs see it.
         pattern, slots: sparsity of the current matrices; grows with self-contact.
-        broad_phase: box trees.
+        broad_phase: finds pairs that can come close.
         weld_map: vertices that are one, or about to become one, share a number.
         progress: called after every Newton iteration.
         observer: called with the positions of cloth and body [m] after every Newton iteration and
@@ -70,7 +71,7 @@ class Simulator:
     padding: Padding
     pattern: BlockPattern
     slots: ElasticSlots
-    broad_phase: BroadPhase
+    broad_phase: PairFinder
     weld_map: Int[np.ndarray, " n"] | None = None
     progress: Callable[[NewtonProgress], None] | None = None
     observer: Callable[[Float[np.ndarray, "n 3"], Float[np.ndarray, "b 3"]], None] | None = None
@@ -106,6 +107,7 @@ def make_simulator(
     newton: NewtonOptions | None = None,
     friction: bool = False,
     linear_solver: str = "auto",
+    broad_phase: str = "auto",
     weld_map: Int[np.ndarray, " n"] | None = None,
     panels: FacePanels | None = None,
 ) -> Simulator:
@@ -121,6 +123,8 @@ def make_simulator(
         newton: stopping rule.
         friction: whether friction acts.
         linear_solver: a name, see `solver.linear.available_solvers`.
+        broad_phase: "trees" on the host, "device" in compiled code, or "auto", which takes what is
+            faster where jax computes; the pairs are the same.
         weld_map: vertices with the same number are, or are about to become, one vertex; primitives
             that share one do not collide. Default: none do.
         panels: of the triangles, for messages.
@@ -166,7 +170,7 @@ def make_simulator(
         padding=padding,
         pattern=pattern,
         slots=slots,
-        broad_phase=make_broad_phase(mesh, np.concatenate([positions, body])),
+        broad_phase=make_pair_finder(broad_phase, mesh, np.concatenate([positions, body])),
         weld_map=weld_map,
         panels=panels,
     )
