@@ -327,19 +327,10 @@ def _traverse(
                             welded = True
                 # By the radius of the pair: its fate is not to depend on the order of leaves.
                 beyond = gap0 * gap0 + gap1 * gap1 + gap2 * gap2 > radius * radius * ROUNDING
-                if (
-                    welded
-                    or beyond
-                    or _stays_apart(
-                        start,
-                        end,
-                        corners[0],
-                        corners[1],
-                        corners[2],
-                        corners[3],
-                        sides == 1,
-                        radius,
-                    )
+                if welded or beyond:
+                    continue
+                if _stays_apart(
+                    start, end, corners[0], corners[1], corners[2], corners[3], sides == 1, radius
                 ):
                     continue
                 if count < keys.shape[0]:

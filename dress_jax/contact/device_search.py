@@ -87,7 +87,7 @@ def search(
         zero,
         zero,
         jnp.full(capacity, UNUSED, jnp.int64),
-        zero,
+        jnp.zeros((), jnp.int64),
     )
     pushed = functools.partial(_pushed, forest, boxes, stack)
     columns = (split(start), split(end))

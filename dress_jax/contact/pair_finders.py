@@ -170,8 +170,8 @@ class DeviceFinder:
         return Candidates(
             vertex_face=vertex_face,
             edge_edge=edge_edge,
-            vertex_face_count=found[PairKind.VERTEX_FACE][1],
-            edge_edge_count=found[PairKind.EDGE_EDGE][1],
+            vertex_face_count=found[PairKind.VERTEX_FACE][1].astype(jnp.int32),
+            edge_edge_count=found[PairKind.EDGE_EDGE][1].astype(jnp.int32),
             vertex_face_scales=vertex_face_scales,
             edge_edge_scales=edge_edge_scales,
         )
