@@ -179,6 +179,7 @@ def drape_pattern(
         settings=options.contact,
         newton=options.newton,
         linear_solver=options.dressing.linear_solver,
+        broad_phase=options.dressing.broad_phase,
     )
     simulator.progress = newton(progress, "drape", options.newton.iteration_limit)
     drape = static_solve(simulator, parameters, jnp.asarray(dressed.positions))
@@ -222,6 +223,7 @@ def _into_pose(
         gravity=Gravity.NONE,
         settings=options.contact,
         linear_solver=options.dressing.linear_solver,
+        broad_phase=options.dressing.broad_phase,
     )
     positions, body, pins = dressed.positions, wearer.start, dressed.pin_targets
     beneath = np.asarray(cKDTree(body).query(pins)[1], np.int64) if len(pins) else None

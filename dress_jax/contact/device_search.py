@@ -80,28 +80,30 @@ def search(
     # Pairs lie on the stack by the number of splits that led to them, and the last ones go first.
     # So the pairs of one number have all come from one chunk, or are seeds.
     stack = seeds.shape[1] + 2 * chunk * forest.splits
-    queue = max(seeds.shape[1], 2 * chunk) + _QUEUED_CHUNKS * chunk
-    zero = jnp.zeros((), jnp.int32)
+    queue = _QUEUED_CHUNKS * chunk
     state = _State(
-        jnp.zeros(stack + queue, jnp.int64),
-        zero,
-        zero,
+        jnp.zeros(stack + queue, jnp.int64).at[: seeds.shape[1]].set(_packed(seeds[0], seeds[1])),
+        jnp.asarray(seeds.shape[1], jnp.int32),
+        jnp.zeros((), jnp.int32),
         jnp.full(capacity, UNUSED, jnp.int64),
         jnp.zeros((), jnp.int64),
     )
-    pushed = functools.partial(_pushed, forest, boxes, stack)
     columns = (split(start), split(end))
 
     def descend(state: _State) -> _State:
         begin = jnp.maximum(state.nodes - chunk, 0)
         taken = lax.dynamic_slice(state.waiting, (begin,), (chunk,))
         used = begin + jnp.arange(chunk, dtype=jnp.int32) < state.nodes
-        a, b, splits_a = _unpacked(taken)
-        child = forest.child[jnp.where(splits_a, a, b)]
-        both = jnp.stack([child, child + 1], axis=1)
-        a = jnp.where(splits_a[:, None], both, a[:, None]).ravel()
-        b = jnp.where(splits_a[:, None], b[:, None], both).ravel()
-        return pushed(state._replace(nodes=begin), a, b, jnp.repeat(used, 2))
+        done, parted, children = _tested(forest, boxes, taken, used)
+        target, leaves = _targets(done, stack + state.leaves, len(state.waiting))
+        first, nodes = _targets(parted, begin, len(state.waiting), stride=2)
+        # One scatter: between two of them XLA would copy what waits.
+        target = jnp.concatenate([jnp.where(done, target, first), first + 1])
+        values = jnp.concatenate([jnp.where(done, taken, children[0]), children[1]])
+        waiting = state.waiting.at[target].set(values, mode="drop", unique_indices=True)
+        return state._replace(
+            waiting=waiting, nodes=begin + 2 * nodes, leaves=state.leaves + leaves
+        )
 
     def sift(state: _State) -> _State:
         begin = jnp.maximum(state.leaves - chunk, 0)
@@ -113,17 +115,16 @@ def search(
         return state._replace(leaves=begin, keys=keys, count=state.count + number)
 
     def work(state: _State) -> _State:
-        room = queue - 2 * chunk
+        room = queue - chunk
         state = lax.while_loop(lambda s: (s.nodes > 0) & (s.leaves <= room), descend, state)
         return lax.while_loop(lambda s: s.leaves > 0, sift, state)
 
-    state = pushed(state, seeds[0], seeds[1], jnp.ones(seeds.shape[1], bool))
     state = lax.while_loop(lambda s: (s.nodes > 0) | (s.leaves > 0), work, state)
     return state.keys, state.count
 
 
 def _targets(
-    kept: Bool[Array, " m"], begin: Int[Array, ""], size: int
+    kept: Bool[Array, " m"], begin: Int[Array, ""], size: int, *, stride: int = 1
 ) -> tuple[Int[Array, " m"], Int[Array, ""]]:
     """Where lanes that are kept go when they are lined up from `begin`, and their number.
 
@@ -131,51 +132,44 @@ def _targets(
     """
     lanes = jnp.arange(len(kept), dtype=jnp.int32)
     rank = jnp.cumsum(kept, dtype=jnp.int32)
-    target = begin + rank - 1
-    return jnp.where(kept & (target < size), target, size + lanes), rank[-1]
+    target = begin + stride * (rank - 1)
+    return jnp.where(kept & (target < size), target, size + stride * lanes), rank[-1]
 
 
-def _unpacked(pairs: Int[Array, " m"]) -> tuple[Int[Array, " m"], Int[Array, " m"], Array]:
-    """Both nodes of pairs, and whether the first one is to be split."""
+def _packed(a: Int[Array, " m"], b: Int[Array, " m"]) -> Int[Array, " m"]:
+    return (a.astype(jnp.int64) << _NODE_BITS) | b.astype(jnp.int64)
+
+
+def _unpacked(pairs: Int[Array, " m"]) -> tuple[Int[Array, " m"], Int[Array, " m"]]:
     low = (1 << _NODE_BITS) - 1
-    a, b = pairs & low, (pairs >> _NODE_BITS) & low
-    return a.astype(jnp.int32), b.astype(jnp.int32), (pairs >> (2 * _NODE_BITS)) > 0
+    return (pairs >> _NODE_BITS).astype(jnp.int32), (pairs & low).astype(jnp.int32)
 
 
-def _pushed(
-    forest: Forest,
-    boxes: Boxes,
-    stack: int,
-    state: _State,
-    a: Int[Array, " m"],
-    b: Int[Array, " m"],
-    used: Bool[Array, " m"],
-) -> _State:
-    """The state with those pairs of nodes that are close on the stack, or in the queue."""
-    squared, sizes = jnp.zeros(len(a)), [jnp.zeros(len(a)), jnp.zeros(len(a))]
+def _tested(
+    forest: Forest, boxes: Boxes, pairs: Int[Array, " m"], used: Bool[Array, " m"]
+) -> tuple[Bool[Array, " m"], Bool[Array, " m"], tuple[Array, Array]]:
+    """Which pairs of nodes are close and leaves, which are close and no leaves, and their children.
+
+    The children are those of the larger node, each with the other node.
+    """
+    a, b = _unpacked(pairs)
+    squared = size_a = size_b = jnp.zeros(len(a))
     for low, high in zip(boxes.low, boxes.high, strict=True):
         low_a, high_a, low_b, high_b = low[a], high[a], low[b], high[b]
         gap = jnp.maximum(0.0, jnp.maximum(low_b - high_a, low_a - high_b))
         squared = squared + gap * gap
-        sizes = [sizes[0] + (high_a - low_a), sizes[1] + (high_b - low_b)]
+        size_a, size_b = size_a + (high_a - low_a), size_b + (high_b - low_b)
     radius = jnp.minimum(boxes.radius[a], boxes.radius[b])
     close = used & (radius >= 0.0) & (squared <= radius * radius * ROUNDING)
     # Within one tree, only pairs whose first leaf comes before the second: each pair once.
     close = close & (forest.first[a] + 1 < forest.last[b])
-    leaves = forest.counts[0]
-    leaf_a, leaf_b = a < leaves, b < leaves
-    splits_a = leaf_b | (~leaf_a & (sizes[0] >= sizes[1]))
-    packed = a.astype(jnp.int64) | (b.astype(jnp.int64) << _NODE_BITS)
-    packed = packed | (splits_a.astype(jnp.int64) << (2 * _NODE_BITS))
-    done = close & leaf_a & leaf_b
-    size = len(state.waiting)
-    to_stack, nodes = _targets(close & ~done, state.nodes, size)
-    to_queue, leaf_pairs = _targets(done, stack + state.leaves, size)
-    target = jnp.where(done, to_queue, to_stack)
-    waiting = state.waiting.at[target].set(packed, mode="drop", unique_indices=True)
-    return state._replace(
-        waiting=waiting, nodes=state.nodes + nodes, leaves=state.leaves + leaf_pairs
+    leaf_a, leaf_b = a < forest.counts[0], b < forest.counts[0]
+    splits_a = leaf_b | (~leaf_a & (size_a >= size_b))
+    child = forest.child[jnp.where(splits_a, a, b)]
+    one, other = (
+        jnp.where(splits_a, _packed(node, b), _packed(a, node)) for node in (child, child + 1)
     )
+    return close & leaf_a & leaf_b, close & ~(leaf_a & leaf_b), (one, other)
 
 
 def _close(
@@ -187,7 +181,7 @@ def _close(
     kind: PairKind,
 ) -> tuple[Int[Array, " m"], Bool[Array, " m"]]:
     """Keys of pairs of leaves, and which of them are neither welded nor stay apart."""
-    a, b, _ = _unpacked(pairs)
+    a, b = _unpacked(pairs)
     one, other = forest.leaf_ids[a], forest.leaf_ids[b]
     first, second = jnp.minimum(one, other), jnp.maximum(one, other)
     section = 2 * forest.is_body[first] + forest.is_body[second]

@@ -23,9 +23,10 @@ from dress_jax.core.precision import require_float64
 Points = Float[np.ndarray, "n 3"] | Float[Array, "n 3"]
 Rows = tuple[Int[np.ndarray, "m 4"], Int[np.ndarray, "k 4"]]
 
-# Pairs that a search on the device works on at a time. A graphics processor wants more of them
-# than a processor with a cache.
-_CPU_CHUNK, _DEVICE_CHUNK = 1 << 14, 1 << 17
+# Pairs that a search on the device works on at a time, at most: a graphics processor wants more of
+# them than a processor with a cache. A small mesh has no use for many: one for so many leaves.
+_CPU_CHUNK, _DEVICE_CHUNK, _SMALLEST_CHUNK = 1 << 15, 1 << 17, 1 << 10
+_LEAVES_PER_LANE = 4
 _VERTEX_GROWTH = 1.2  # of the bucket of vertices: garments of similar size share programs
 _FIRST_CAPACITY = candidate_capacity(100_000)
 
@@ -133,7 +134,7 @@ class DeviceFinder:
         Args:
             mesh: the primitives.
             positions: typical positions [m], shape (n, 3).
-            chunk: number of pairs that are worked on at a time. Default: by the backend.
+            chunk: number of pairs that are worked on at a time. Default: by backend and mesh.
             capacity: number of pairs of a family that the first search has room for.
         """
         require_float64("DeviceFinder")
@@ -142,7 +143,9 @@ class DeviceFinder:
         self._forest = plant(mesh, np.asarray(positions, np.float64))
         self._welds = jnp.asarray(self._filled(mesh.weld_ids))
         if chunk is None:
-            chunk = _CPU_CHUNK if jax.default_backend() == "cpu" else _DEVICE_CHUNK
+            largest = _CPU_CHUNK if jax.default_backend() == "cpu" else _DEVICE_CHUNK
+            leaves = self._forest.counts[0]
+            chunk = min(max(bucket_size(leaves // _LEAVES_PER_LANE), _SMALLEST_CHUNK), largest)
         self._chunk = chunk
         self.capacities = dict.fromkeys(PairKind, capacity)
 

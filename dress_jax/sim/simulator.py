@@ -191,6 +191,7 @@ def make_simulation(
     settings: ContactSettings | None = None,
     newton: NewtonOptions | None = None,
     linear_solver: str = "auto",
+    broad_phase: str = "auto",
 ) -> tuple[Simulator, Parameters]:
     """A simulator without friction, and parameters for the same cloth and body.
 
@@ -207,7 +208,7 @@ def make_simulation(
         pin_targets: where pins are held [m].
         gravity: direction and strength.
         strain_limit: largest stretch of a triangle, see `make_parameters`; None for no limit.
-        settings, newton, linear_solver: see `make_simulator`.
+        settings, newton, linear_solver, broad_phase: see `make_simulator`.
 
     Raises:
         InputError: arrays that do not fit each other.
@@ -229,6 +230,7 @@ def make_simulation(
         ),
         newton=newton,
         linear_solver=linear_solver,
+        broad_phase=broad_phase,
         panels=panels,
     )
     parameters = make_parameters(
