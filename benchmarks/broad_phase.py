@@ -88,7 +88,7 @@ def measure(side: int, radius: float) -> list[dict[str, Any]]:
 
 def main() -> None:
     """Print a table, and write it as JSON."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="Times of both broad phases.")
     parser.add_argument("--sides", type=int, nargs="+", default=[50, 100])
     parser.add_argument("--radius", type=float, nargs="+", default=[1.0, 5.0], help="[mm]")
     parser.add_argument("--json", type=Path)

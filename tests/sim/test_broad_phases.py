@@ -17,9 +17,14 @@ from tests.sim.scenes import SOFT, ball, draped_sheet, level, sheet
 
 def _scene(broad_phase, **options):
     cloth, simulator, rest, start, body = draped_sheet(14, broad_phase=broad_phase, **options)
-    pins = start[np.asarray(cloth.pins)]
-    parameters = make_parameters(cloth, SOFT, rest, body_vertices=body, pin_targets=pins)
-    return simulator, parameters, start
+    return simulator, _parameters(cloth, rest, start, body), start
+
+
+def _parameters(cloth, rest, start, body):
+    pins = jnp.asarray(start[np.asarray(cloth.pins)])
+    return make_parameters(
+        cloth, SOFT, jnp.asarray(rest), body_vertices=jnp.asarray(body), pin_targets=pins
+    )
 
 
 def test_a_drape_is_the_same():
@@ -30,7 +35,7 @@ def test_a_drape_is_the_same():
         assert simulator.broad_phase.name == name
 
         def height(p, simulator=simulator, start=start):
-            solution = static_solve(simulator, p, start)
+            solution = static_solve(simulator, p, jnp.asarray(start))
             return jnp.sum(solution.positions[:, 1]), solution
 
         (_, solution), slope = jax.value_and_grad(height, has_aux=True)(parameters)
@@ -79,10 +84,9 @@ def test_another_garment_of_similar_size_compiles_nothing():
         simulator = make_simulator(
             cloth, start, body_vertices=body, body_faces=body_faces, broad_phase="device"
         )
-        parameters = make_parameters(
-            cloth, SOFT, rest, body_vertices=body, pin_targets=start[np.asarray(cloth.pins)]
-        )
-        assert static_solve(simulator, parameters, start).report.intersection_free
+        parameters = _parameters(cloth, rest, start, body)
+        solution = static_solve(simulator, parameters, jnp.asarray(start))
+        assert solution.report.intersection_free
 
     programs = (fit, search, columns, selection._compacted, selection._parted)
     drape(15)
