@@ -64,7 +64,7 @@ CHANGE = 1.01
 STACK_LIMIT = 25  # Newton iterations of a step
 MILESTONES = (1e-3, 1e-4, 1e-5)  # rms of a step [m]
 STAGES = (
-    (objective, "find_candidates", "broad phase"),
+    (objective.StepObjective, "_cover", "broad phase"),
     (kernels, "find_active", "active set"),
     (objective.StepObjective, "contact_slots", "contact slots"),
     (objective.StepObjective, "factorize", "blocks and assembly"),

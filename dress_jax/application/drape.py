@@ -207,6 +207,7 @@ def drape_pattern(
         settings=options.contact,
         newton=options.newton,
         linear_solver=options.dressing.linear_solver,
+        broad_phase=options.dressing.broad_phase,
     )
     simulator.progress = newton(progress, "drape", options.newton.iteration_limit)
     drape = static_solve(simulator, parameters, jnp.asarray(dressed.positions))

@@ -238,6 +238,7 @@ def _problem(
         settings=drape_options.contact,
         newton=drape_options.newton,
         linear_solver=drape_options.dressing.linear_solver,
+        broad_phase=drape_options.dressing.broad_phase,
     )
     return make_problem(
         pattern,

@@ -17,6 +17,10 @@ from dress_jax.core.native import compiled
 from dress_jax.geometry.host_distance import edge_edge, point_triangle
 from dress_jax.geometry.topology import unique_edges
 
+# Of the squared radius that boxes are compared with: rounding must not lose a pair at the very
+# radius.
+ROUNDING = 1.0 + 1e-12
+
 
 @dataclass(frozen=True)
 class CollisionMesh:
@@ -284,8 +288,7 @@ def _traverse(
         for p in range(sides):
             corners[p] = primitives_a[row_a, p]
             radius_a = min(radius_a, radii[corners[p]])
-        # Rounding must not lose a pair at the very radius.
-        squared = radius_a * radius_a * (1.0 + 1e-12)
+        squared = radius_a * radius_a * ROUNDING
         top = 1
         stack[0] = 0
         while top > 0:
@@ -322,7 +325,11 @@ def _traverse(
                     for p in range(sides):
                         if weld_ids[corners[p]] == weld_ids[corner]:
                             welded = True
-                if welded or _stays_apart(
+                # By the radius of the pair: its fate is not to depend on the order of leaves.
+                beyond = gap0 * gap0 + gap1 * gap1 + gap2 * gap2 > radius * radius * ROUNDING
+                if welded or beyond:
+                    continue
+                if _stays_apart(
                     start, end, corners[0], corners[1], corners[2], corners[3], sides == 1, radius
                 ):
                     continue

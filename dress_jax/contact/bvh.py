@@ -29,16 +29,19 @@ class Tree:
     last: Int[np.ndarray, "nodes"]
 
 
-def build_tree(centres: Float[np.ndarray, "n 3"]) -> Tree:
+def build_tree(centres: Float[np.ndarray, "n 3"], *, depth: int | None = None) -> Tree:
     """Split primitives at the median of their widest axis, level by level.
 
     Args:
         centres: a point per primitive [m], shape (n, 3).
+        depth: of the leaves, with less than half of them empty. Default: leaves of a few
+            primitives, for traversals that go from leaf to leaf with little work in between.
     """
     n = len(centres)
-    depth = 0
-    while (n >> depth) > _LEAF_SIZE:
-        depth += 1
+    if depth is None:
+        depth = 0
+        while (n >> depth) > _LEAF_SIZE:
+            depth += 1
     order = np.arange(n)
     for level in range(depth):
         bounds = _bounds(n, level)

@@ -68,7 +68,7 @@ def make_candidates(
 
     def padded(rows: np.ndarray) -> tuple[Array, Array]:
         rows = np.asarray(rows, np.int32).reshape(-1, 4)
-        capacity = bucket_size(len(rows), smallest=_SMALLEST_CAPACITY, growth=_GROWTH)
+        capacity = candidate_capacity(len(rows))
         factors = np.ones(capacity)
         if scales is not None:
             factors[: len(rows)] = pair_scales(scales, rows.T)
@@ -83,6 +83,11 @@ def make_candidates(
         vertex_face_scales=first_scales,
         edge_edge_scales=second_scales,
     )
+
+
+def candidate_capacity(count: int) -> int:
+    """Length of the padded list of so many pairs."""
+    return bucket_size(count, smallest=_SMALLEST_CAPACITY, growth=_GROWTH)
 
 
 def pair_scales(

@@ -5,13 +5,11 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
-from dress_jax.contact.broad_phase import find_candidates
-from dress_jax.contact.candidates import Candidates, make_candidates
+from dress_jax.contact.candidates import Candidates
 from dress_jax.contact.ccd import step_bound
 from dress_jax.contact.potential import CONTACT_PAIRS, ActivePairs, PairKind, Pairs
-from dress_jax.core.buckets import bucket_size, pad_columns
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Cloth, Parameters, vertex_masses
 from dress_jax.energy.elastic import TimeStep
@@ -20,6 +18,7 @@ from dress_jax.energy.stretching import stretching_rest
 from dress_jax.sim import kernels, matrices
 from dress_jax.sim.inputs import StepInputs
 from dress_jax.sim.kernels import Frame, Kernels, make_frame
+from dress_jax.sim.selection import selected, separated
 from dress_jax.sim.simulator import Simulator
 from dress_jax.sim.sparsity import extended
 from dress_jax.solver.block_matrix import (
@@ -73,6 +72,7 @@ class StepObjective:
         settings = simulator.settings
         self._reach = float(settings.dhat + settings.thickness)
         self._scales = self._padding.together(simulator.contact_scales)
+        self._on_device = simulator.broad_phase.on_device
         self._margin = 0.0
         self._candidates: Candidates | None = None
         self._seen = self._motion = np.zeros((0, 3))
@@ -106,17 +106,15 @@ class StepObjective:
         length = float(np.sqrt(np.max(np.sum(self._motion**2, axis=1), initial=0.0)))
         dhat = float(self.simulator.settings.dhat)
         self._margin = min(max(length, _SMALLEST_MARGIN * dhat), _LARGEST_MARGIN * dhat)
-        rows = find_candidates(
-            self.simulator.broad_phase,
+        self._candidates = self.simulator.broad_phase.find(
             np.concatenate([start, self._body]),
             np.concatenate([end, self._body]),
             self._reach * self.simulator.contact_scales + 2.0 * self._margin,
             body_moved=self._body_moved,
+            body_offset=self._padding.padded.vertices,
+            scales=self._scales,
         )
         self._body_moved = False
-        self._candidates = make_candidates(
-            *(self._padding.indices(part) for part in rows), scales=self._scales
-        )
 
     def _covers(self, x: Positions) -> bool:
         """Whether every vertex is within the margin of one common point of the motion seen."""
@@ -163,7 +161,7 @@ class StepObjective:
             found = []
             for pairs in self.pairs(positions):
                 mask = self._active(positions, pairs).mask
-                found.append(_selected(pairs, np.nonzero(np.asarray(mask))[0]))
+                found.append(selected(pairs, mask, on_device=self._on_device))
             self._contacts, self._contacts_at = found, positions.copy()
         return self._contacts
 
@@ -290,10 +288,8 @@ class StepObjective:
 
     def by_angle(self, positions: Positions, pairs: Pairs) -> tuple[Pairs, Pairs]:
         """Edge-edge pairs without those that are nearly parallel, and those."""
-        mask = np.asarray(kernels.find_parallel(self.together(positions), pairs))
-        used = np.arange(len(mask)) < int(pairs.count)
-        crossing, parallel = np.nonzero(used & ~mask)[0], np.nonzero(used & mask)[0]
-        return _selected(pairs, crossing), _selected(pairs, parallel, smallest=256)
+        mask = kernels.find_parallel(self.together(positions), pairs)
+        return separated(pairs, mask, on_device=self._on_device, smallest=256)
 
     def contact_slots(self, families: list[Pairs], positions: Positions) -> list[BlockSlots]:
         """Slots of contact pairs; extends the pattern where it lacks a block."""
@@ -363,17 +359,3 @@ def resting_objective(
     start = jnp.asarray(positions, jnp.float64)
     step = TimeStep(start, jnp.zeros_like(start), jnp.asarray(1.0))
     return StepObjective(simulator, StepInputs(step, parameters, parameters.body_vertices))
-
-
-def _selected(pairs: Pairs, columns: Int[np.ndarray, " k"], *, smallest: int = 4096) -> Pairs:
-    """Some of the pairs, padded to a bucket."""
-    count = len(columns)
-    capacity = bucket_size(count, smallest=smallest)
-    scales = np.ones(capacity)
-    scales[:count] = np.asarray(pairs.scales)[columns]
-    return Pairs(
-        jnp.asarray(pad_columns(np.asarray(pairs.indices)[:, columns], capacity)),
-        jnp.asarray(count, jnp.int32),
-        jnp.asarray(scales),
-        pairs.kind,
-    )

@@ -12,10 +12,11 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from dress_jax.contact.barrier import ContactSettings, contact_settings
-from dress_jax.contact.broad_phase import BroadPhase, make_broad_phase, make_collision_mesh
+from dress_jax.contact.broad_phase import make_collision_mesh
+from dress_jax.contact.pair_finders import PairFinder, make_pair_finder
 from dress_jax.contact.scales import contact_scales
 from dress_jax.core.errors import InputError
-from dress_jax.core.processors import processors
+from dress_jax.core.native import processors
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Cloth, Gravity, Parameters
 from dress_jax.energy.fabric import Fabrics, make_parameters
@@ -50,7 +51,7 @@ class Simulator:
         linear_solver: factorizes the projected Hessians.
         padding: the cloth as compiled programs see it.
         pattern, slots: sparsity of the current matrices; grows with self-contact.
-        broad_phase: box trees.
+        broad_phase: finds pairs that can come close.
         weld_map: vertices that are one, or about to become one, share a number.
         progress: called after every Newton iteration.
         observer: called with the positions of cloth and body [m] after every Newton iteration and
@@ -73,7 +74,7 @@ class Simulator:
     padding: Padding
     pattern: BlockPattern
     slots: ElasticSlots
-    broad_phase: BroadPhase
+    broad_phase: PairFinder
     weld_map: Int[np.ndarray, " n"] | None = None
     progress: Callable[[NewtonProgress], None] | None = None
     observer: Callable[[Float[np.ndarray, "n 3"], Float[np.ndarray, "b 3"]], None] | None = None
@@ -111,6 +112,7 @@ def make_simulator(
     newton: NewtonOptions | None = None,
     friction: bool = False,
     linear_solver: str = "auto",
+    broad_phase: str = "auto",
     weld_map: Int[np.ndarray, " n"] | None = None,
     panels: FacePanels | None = None,
 ) -> Simulator:
@@ -126,6 +128,8 @@ def make_simulator(
         newton: stopping rule.
         friction: whether friction acts.
         linear_solver: a name, see `solver.linear.available_solvers`.
+        broad_phase: "trees" on the host, "device" in compiled code, or "auto", which takes what is
+            faster where jax computes; the pairs are the same.
         weld_map: vertices with the same number are, or are about to become, one vertex; primitives
             that share one do not collide. Default: none do.
         panels: of the triangles, for messages.
@@ -171,7 +175,7 @@ def make_simulator(
         padding=padding,
         pattern=pattern,
         slots=slots,
-        broad_phase=make_broad_phase(mesh, np.concatenate([positions, body])),
+        broad_phase=make_pair_finder(broad_phase, mesh, np.concatenate([positions, body])),
         weld_map=weld_map,
         panels=panels,
     )
@@ -193,6 +197,7 @@ def make_simulation(
     settings: ContactSettings | None = None,
     newton: NewtonOptions | None = None,
     linear_solver: str = "auto",
+    broad_phase: str = "auto",
 ) -> tuple[Simulator, Parameters]:
     """A simulator, and parameters for the same cloth and body.
 
@@ -210,7 +215,7 @@ def make_simulation(
         gravity: direction and strength.
         strain_limit: largest stretch of a triangle, see `make_parameters`; None for no limit.
         friction: whether friction acts, with the fabric's coefficient.
-        settings, newton, linear_solver: see `make_simulator`.
+        settings, newton, linear_solver, broad_phase: see `make_simulator`.
 
     Raises:
         InputError: arrays that do not fit each other.
@@ -233,6 +238,7 @@ def make_simulation(
         newton=newton,
         friction=friction,
         linear_solver=linear_solver,
+        broad_phase=broad_phase,
         panels=panels,
     )
     parameters = make_parameters(

@@ -1,52 +1,11 @@
-import itertools
-
 import numpy as np
 import pytest
-from ipctk import edge_edge_distance, point_triangle_distance
+from close_pairs import required_pairs, soup
 from scenes import grid, two_layers
 
 from dress_jax.contact import broad_phase
 from dress_jax.contact.broad_phase import find_candidates, make_broad_phase, make_collision_mesh
 from dress_jax.core.errors import InputError
-
-TIMES = np.linspace(0.0, 1.0, 9)
-
-
-def _soup(n, rng, size):
-    centres = rng.uniform(size=(n, 1, 3))
-    return (centres + size * rng.normal(size=(n, 3, 3))).reshape(-1, 3), np.arange(3 * n).reshape(
-        -1, 3
-    )
-
-
-def _required(mesh, start, end, radius):
-    """Pairs within the radius at one of some times, by brute force."""
-
-    def near(distance, rows):
-        return any(distance(*((1 - t) * start[rows] + t * end[rows])) < radius**2 for t in TIMES)
-
-    def welded(a, b):
-        return bool(set(mesh.weld_ids[list(a)]) & set(mesh.weld_ids[list(b)]))
-
-    vertex_face, edge_edge = set(), set()
-    for vertices, faces in (
-        (mesh.cloth_vertices, mesh.cloth_faces),
-        (mesh.cloth_vertices, mesh.body_faces),
-        (mesh.body_vertices, mesh.cloth_faces),
-    ):
-        for v, f in itertools.product(vertices, faces):
-            rows = np.concatenate([v, f])
-            if not welded(v, f) and near(point_triangle_distance, rows):
-                vertex_face.add(tuple(rows))
-    pairs = itertools.chain(
-        itertools.combinations(mesh.cloth_edges, 2),
-        itertools.product(mesh.cloth_edges, mesh.body_edges),
-    )
-    for a, b in pairs:
-        rows = np.concatenate([a, b])
-        if not welded(a, b) and near(edge_edge_distance, rows):
-            edge_edge.add(tuple(rows))
-    return vertex_face, edge_edge
 
 
 def _as_set(rows):
@@ -59,8 +18,8 @@ def _as_set(rows):
 @pytest.mark.parametrize("motion", [0.0, 0.05, 0.3])
 def test_no_pair_of_a_soup_is_missed(seed, motion):
     rng = np.random.default_rng(seed)
-    cloth, cloth_faces = _soup(9, rng, 0.15)
-    body, body_faces = _soup(6, rng, 0.15)
+    cloth, cloth_faces = soup(9, rng, 0.15)
+    body, body_faces = soup(6, rng, 0.15)
     start = np.concatenate([cloth, body])
     end = start + motion * rng.normal(size=start.shape)
     weld = np.arange(len(start))
@@ -68,7 +27,7 @@ def test_no_pair_of_a_soup_is_missed(seed, motion):
     mesh = make_collision_mesh(cloth_faces, len(cloth), body_faces, len(body), weld_ids=weld)
     radius = 0.05
     vertex_face, edge_edge = map(_as_set, find_candidates(mesh, start, end, radius))
-    needed_vf, needed_ee = _required(mesh, start, end, radius)
+    needed_vf, needed_ee = required_pairs(mesh, start, end, radius)
     assert needed_vf and needed_ee
     assert needed_vf <= vertex_face
     assert needed_ee <= edge_edge
@@ -84,7 +43,7 @@ def test_two_layers_at_rest_give_exactly_the_close_pairs():
     positions, faces = two_layers(5, gap=0.004)
     mesh = make_collision_mesh(faces, len(positions))
     found = tuple(map(_as_set, find_candidates(mesh, positions, positions, 0.006)))
-    assert found == _required(mesh, positions, positions, 0.006)
+    assert found == required_pairs(mesh, positions, positions, 0.006)
 
 
 def test_degenerate_primitives_are_kept():
@@ -95,7 +54,7 @@ def test_degenerate_primitives_are_kept():
     mesh = make_collision_mesh(np.array([[0, 1, 2], [3, 4, 5]]), 6)
     vertex_face, edge_edge = find_candidates(mesh, positions, positions, 1e-3)
     assert (3, 0, 1, 2) in _as_set(vertex_face)
-    assert _required(mesh, positions, positions, 1e-3)[1] <= _as_set(edge_edge)
+    assert required_pairs(mesh, positions, positions, 1e-3)[1] <= _as_set(edge_edge)
 
 
 def test_touching_pairs_are_found_with_radius_zero():

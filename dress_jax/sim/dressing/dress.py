@@ -41,12 +41,14 @@ class DressingOptions:
         motion: how the cloth follows the growing body.
         hold_waist: pin the upper loop of components that end below the shoulders.
         linear_solver: a name, see `solver.linear.available_solvers`.
+        broad_phase: a name, see `make_simulator`.
         membrane: membrane energy.
     """
 
     motion: MotionOptions = dataclasses.field(default_factory=MotionOptions)
     hold_waist: bool = True
     linear_solver: str = "auto"
+    broad_phase: str = "auto"
     membrane: MembraneModel = MembraneModel.ARAP
 
 
@@ -220,6 +222,7 @@ def _grow(
             gravity=gravity,
             settings=settings,
             linear_solver=options.linear_solver,
+            broad_phase=options.broad_phase,
         )
         return simulator, replace(parameters, body_vertices=jnp.asarray(body))
 

@@ -13,8 +13,11 @@ there. Where it crosses itself all the same, the smoothing length l grows locall
 
 Some panels are placed so that this ends in knots (a circle skirt that lies on the sleeves, flounces
 of two legs in one another), or so that the wearer's skeleton, around which the garment is to be,
-leaves it for a few centimetres (a crotch that smoothing has lifted). Then p moves: inward where the
-surface meets itself, outward where the skeleton pierces it, a little further in every round.
+leaves it for a few centimetres (a crotch that smoothing has lifted). Then p moves, a little further
+in every round: outward where the skeleton pierces the surface, and where two sheets meet, apart, in
+the direction from one sheet to the other as a whole; the normals of sheets that have run through
+each other say nothing. Sheets of one place, a fold in itself, go back to where their surroundings
+are.
 
 Lengths of the joined surface are not those of the rest shape; the first relaxation of the cloth
 restores them.
@@ -39,9 +42,11 @@ _GROWTH = 1.35  # of the smoothing length where the surface is not free
 _REACH = 0.08  # how far from a crossing it grows [m]
 _ROUNDS = 16
 _PUSH = 0.015  # per round [m]
-_PUSH_ROUNDS = 24
-# Averages over the neighbours of a vertex: how far a push fades out, and what is near a triangle.
-_FADING, _NEIGHBOURHOOD = 12, 40
+_PUSH_ROUNDS = 40
+# Averages over the neighbours of a vertex: how far a push fades out, what is near a triangle, and
+# which sheet it belongs to.
+_FADING, _NEIGHBOURHOOD, _SHEET = 12, 40, 200
+_ONE_PLACE = 0.03  # two sheets that are no further apart, on the whole, are one [m]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -139,7 +144,7 @@ def _pushed(
         if not (touched.any() or pierced.any()):
             return Joined(positions, touched, float(length.max()))
         wanted = np.where(
-            pierced[:, None], crossings.outward(positions), crossings.inward(positions)
+            pierced[:, None], crossings.outward(positions), crossings.apart(positions)
         )
         offset += _PUSH * crossings.spread(touched | pierced, wanted)
     return None
@@ -197,13 +202,29 @@ class _Crossings:
         weights = sums[:, 3:]
         return sums[:, :3] / np.maximum(weights.max(), 1e-12)
 
-    def inward(self, positions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "f 3"]:
-        """Unit vectors back to where the surface around each triangle is."""
-        around = positions
-        for _ in range(_NEIGHBOURHOOD):
+    def apart(self, positions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "f 3"]:
+        """Unit vectors from the sheet that crosses each triangle to the triangle's own.
+
+        Where both are in one place, or nothing crosses, back to what is near the triangle.
+        """
+        near = around = positions
+        for number in range(_SHEET):
             around = self._mean @ around
-        away = (around - positions)[self.faces].mean(axis=1)
-        return away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-3)
+            near = around if number + 1 == _NEIGHBOURHOOD else near
+        crossings = edge_face_intersections(positions, self._edges, self.faces)
+        edges, faces = self._edges[crossings[:, 0]], self.faces[crossings[:, 1]]
+        away = around[edges].mean(axis=1) - around[faces].mean(axis=1)
+        sums = np.zeros_like(positions)
+        np.add.at(sums, edges, away[:, None])
+        np.add.at(sums, faces, -away[:, None])
+        apart = sums[self.faces].mean(axis=1)
+        back = (near - positions)[self.faces].mean(axis=1)
+        length = np.linalg.norm(apart, axis=1, keepdims=True)
+        return np.where(
+            length > _ONE_PLACE,
+            apart / np.maximum(length, _ONE_PLACE),
+            back / np.maximum(np.linalg.norm(back, axis=1, keepdims=True), 1e-3),
+        )
 
     def outward(self, positions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "f 3"]:
         """Unit normals, turned so that on the whole they point away from the core."""

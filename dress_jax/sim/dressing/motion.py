@@ -13,8 +13,6 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import cKDTree
 
-from dress_jax.contact.broad_phase import find_candidates
-from dress_jax.contact.candidates import make_candidates
 from dress_jax.contact.ccd import step_bound
 from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
@@ -63,18 +61,21 @@ def motion_bound(
     start = np.concatenate([positions, body])
     motion = np.concatenate([displacement, body_displacement])
     reach = 2.0 * float(simulator.settings.thickness) * simulator.contact_scales
-    rows = find_candidates(simulator.broad_phase, start, start + motion, reach)
     padding = simulator.padding
+    candidates = simulator.broad_phase.find(
+        start,
+        start + motion,
+        reach,
+        body_offset=padding.padded.vertices,
+        scales=padding.together(simulator.contact_scales),
+    )
     return float(
         step_bound(
             jnp.asarray(np.concatenate([padding.positions(positions), padding.body(body)])),
             jnp.asarray(
                 np.concatenate([padding.vectors(displacement), padding.body(body_displacement)])
             ),
-            make_candidates(
-                *(padding.indices(part) for part in rows),
-                scales=padding.together(simulator.contact_scales),
-            ),
+            candidates,
             min_distance=simulator.settings.thickness,
         )
     )

@@ -88,6 +88,7 @@ def follow_pose(
         friction=not pinned,
         settings=settings,
         linear_solver=options.linear_solver,
+        broad_phase=options.broad_phase,
     )
     positions, body = dressed.positions, np.asarray(body_vertices)
     pins = dressed.pin_targets
