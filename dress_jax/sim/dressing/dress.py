@@ -11,9 +11,10 @@ from jaxtyping import Float, Int
 from dress_jax.contact.barrier import ContactSettings
 from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
-from dress_jax.energy.cloth import Cloth, Gravity, make_cloth
+from dress_jax.energy.cloth import Cloth, Gravity, Parameters, make_cloth
 from dress_jax.energy.fabric import Fabrics
-from dress_jax.energy.membrane import MembraneModel
+from dress_jax.energy.gathers import find_gathers, gathered_triangles
+from dress_jax.energy.membrane import MembraneModel, principal_stretches
 from dress_jax.energy.panels import FacePanels
 from dress_jax.pattern import Discretization, placed_positions
 from dress_jax.sim.dressing.components import Component, split_components
@@ -24,13 +25,16 @@ from dress_jax.sim.dressing.growth import (
     make_collider,
     plan_growth,
 )
-from dress_jax.sim.dressing.joining import join
+from dress_jax.sim.dressing.joining import Surface, join
 from dress_jax.sim.dressing.motion import MotionOptions, follow_body, settle
 from dress_jax.sim.dressing.waist import waist_loops
-from dress_jax.sim.simulator import make_simulation
+from dress_jax.sim.simulator import Simulator, make_simulation
 
 _CLEARANCE = 1e-5  # of a joined surface [m]
 _FALL_STEPS, _FALL_TIME = 6, 0.15  # with which skirts fall before the arms grow out
+# A garment that is about to be pinned where it was put on, and is stretched further than this there
+# (99th percentile), first slides to where it fits: until it moves less in so many steps [m], [s].
+_TIGHT, _STILL, _SLIDES, _SLIDE_STEPS, _SLIDE_TIME = 0.2, 0.005, 10, 4, 0.2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -247,7 +251,37 @@ def _grow(
             options=options.motion,
             progress=lambda done: progress(share + (1.0 - share) * done),
         )
+    if options.hold_waist and len(waist_loops(positions, surface.faces, collider.body)):
+        loose = prepared(positions, collider.vertices, np.zeros(0, np.int32), Gravity.NONE)
+        positions = _slid_into_place(surface, *loose, positions)
     return positions
+
+
+def _slid_into_place(
+    surface: Surface, simulator: Simulator, parameters: Parameters, positions: np.ndarray
+) -> np.ndarray:
+    """Vertices of a tight garment after it has slid to where it is less stretched, [m]."""
+    for _ in range(_SLIDES):
+        if np.quantile(_stretches(surface, positions), 0.99) <= 1.0 + _TIGHT:
+            return positions
+        before = positions
+        positions = settle(
+            simulator, parameters, positions, steps=_SLIDE_STEPS, time_step=_SLIDE_TIME
+        )
+        if np.max(np.linalg.norm(positions - before, axis=1)) < _STILL:
+            return positions
+    return positions
+
+
+def _stretches(surface: Surface, positions: np.ndarray) -> Float[np.ndarray, " f"]:
+    """The larger principal stretch of each triangle, gathers drawn up."""
+    rest = gathered_triangles(
+        jnp.asarray(surface.rest_positions),
+        jnp.asarray(surface.rest_faces.T),
+        find_gathers(surface.faces, surface.rest_faces, surface.rest_positions),
+    )
+    faces = jnp.asarray(surface.faces.T)
+    return np.asarray(principal_stretches(jnp.asarray(positions), faces, rest)[0])
 
 
 def _refuse(

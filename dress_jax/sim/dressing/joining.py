@@ -126,7 +126,7 @@ def join(
     if core is None or (smoothed.free and not len(crossings.with_core(positions))):
         return smoothed
     if not smoothed.free:
-        length = np.full(surface.vertex_count, first)
+        length = first * smoother.sizes
     return _pushed(smoother, crossings, length) or smoothed
 
 
@@ -237,7 +237,13 @@ class _Crossings:
 
 
 class _Smoother:
-    """The sparse matrices of one surface."""
+    """The sparse matrices of one surface.
+
+    Attributes:
+        sizes: of what is around each vertex, over the median, at most 1: where sheets are pushed,
+            the tip of a needle must not be as stiff as a sleeve, or it grows to a multiple of its
+            length, (n,).
+    """
 
     def __init__(self, surface: Surface):
         self._count = surface.vertex_count
@@ -254,6 +260,7 @@ class _Smoother:
         sixths = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 6.0
         mass = np.bincount(compact.ravel(), np.repeat(sixths, 3), len(used))
         self._mass = gather @ mass
+        self.sizes = np.sqrt(np.minimum(self._mass / np.median(self._mass), 1.0))
         placed = surface.placed[used]
         self._wanted = gather @ (mass[:, None] * placed)
         self._flux = gather @ _free_edge_flux(placed, compact, weld[used])

@@ -15,9 +15,12 @@ from dress_jax.energy.cloth import Cloth, Gravity
 from dress_jax.energy.fabric import Fabrics
 from dress_jax.energy.panels import FacePanels
 from dress_jax.sim.dressing.dress import DressedGarment, DressingOptions
-from dress_jax.sim.dressing.motion import follow_body
+from dress_jax.sim.dressing.motion import follow_body, settle
 from dress_jax.sim.dressing.waist import shrunk_waist
 from dress_jax.sim.simulator import make_simulation
+
+
+_TIGHTENING_STEPS, _TIGHTENING_TIME = 4, 0.1  # of a shrunk waist, before the body moves [s]
 
 
 class WaistHold(enum.Enum):
@@ -91,6 +94,12 @@ def follow_pose(
         broad_phase=options.broad_phase,
     )
     positions, body = dressed.positions, np.asarray(body_vertices)
+    if not pinned:
+        # Friction has something to hold only once the waist is tight.
+        weightless = replace(parameters, gravity=jnp.zeros(3))
+        positions = settle(
+            simulator, weightless, positions, steps=_TIGHTENING_STEPS, time_step=_TIGHTENING_TIME
+        )
     pins = dressed.pin_targets
     beneath = np.asarray(cKDTree(body).query(pins)[1], np.int64) if len(pins) else None
     for number, frame in enumerate(way):
