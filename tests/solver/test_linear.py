@@ -123,3 +123,9 @@ def test_choice():
     assert {"superlu", "two-level-cg"} <= set(SOLVERS)
     with pytest.raises(InputError, match="choose one of"):
         make_solver("gauss")
+
+
+@pytest.mark.parametrize(("backend", "chosen"), [("cpu", SOLVERS[0]), ("gpu", "two-level-cg")])
+def test_where_jax_computes_elsewhere_the_host_factorizes_nothing(monkeypatch, backend, chosen):
+    monkeypatch.setattr("jax.default_backend", lambda: backend)
+    assert make_solver("auto").name == chosen

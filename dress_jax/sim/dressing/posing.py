@@ -19,7 +19,6 @@ from dress_jax.sim.dressing.motion import follow_body, settle
 from dress_jax.sim.dressing.waist import shrunk_waist
 from dress_jax.sim.simulator import make_simulation
 
-
 _TIGHTENING_STEPS, _TIGHTENING_TIME = 4, 0.1  # of a shrunk waist, before the body moves [s]
 
 

@@ -2,6 +2,8 @@
 
 import importlib.util
 
+import jax
+
 from dress_jax.core.errors import InputError
 from dress_jax.solver.linear.interface import LinearSolver
 
@@ -18,14 +20,17 @@ def make_solver(name: str = "auto") -> LinearSolver:
     """A new solver.
 
     Args:
-        name: one of `available_solvers()`, or "auto" for the first of them. The chosen solver's
-            name is part of every solution's statistics.
+        name: one of `available_solvers()`, or "auto": the first of them where jax computes on the
+            processor, and conjugate gradients, which stay where the arrays are, everywhere else.
+            The chosen solver's name is part of every solution's statistics.
 
     Raises:
         InputError: there is no solver of that name here.
     """
     names = available_solvers()
-    chosen = names[0] if name == "auto" else name
+    chosen = name
+    if name == "auto":
+        chosen = names[0] if jax.default_backend() == "cpu" else "two-level-cg"
     if chosen not in names:
         raise InputError(f"unknown linear solver {name!r}", mend=f"choose one of {names}")
     if chosen == "pardiso":
