@@ -93,6 +93,7 @@ def drape(path: Path, wearer: Wearer, options: DrapeOptions, image: Path) -> dic
         "min_mm": round(1e3 * quality["min_distance_m"], 3),
         "strain_p50": round(quality["median_strain"], 4),
         "strain_p99": round(quality["strain_p99"], 4),
+        "tight": {name: round(by, 2) for name, by in quality["tight_panels"].items()},
         "seam_gap_mm": round(1e3 * quality["max_seam_gap_m"], 3),
         "fall_cm": round(1e2 * largest_fall(result), 1),
         "contraction": max(fitting.contraction for fitting in result.dressed.fittings),
@@ -148,9 +149,10 @@ def write_table(rows: list[dict], folder: Path) -> None:
     good = sum(bool(row.get("good")) for row in rows)
     free = sum(row.get("self") == row.get("body") == 0 and row["ipctk"] for row in rows)
     refused = sum("error" in row for row in rows)
+    tight = sum(bool(row.get("tight")) and not row["good"] for row in rows)
     table.append(
-        f"{good} of {len(rows)} are good, {free} free of intersections; "
-        f"{refused} ended with an error"
+        f"{good} of {len(rows)} are good, {free} free of intersections; of those that are not "
+        f"good, {tight} have panels too small for the body, {refused} ended with an error"
     )
     (folder / "table.txt").write_text("\n".join(table) + "\n")
     (folder / "results.json").write_text(json.dumps(rows, indent=1))

@@ -1,10 +1,11 @@
 """What a draped garment is judged by: exact counts from positions alone, apart from the solver."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from dress_jax.energy.gathers import find_gathers, gathered_triangles
 from dress_jax.energy.membrane import principal_stretches
@@ -20,8 +21,12 @@ def seam_gaps(state: DrapedState) -> Float[np.ndarray, " s"]:
     return np.linalg.norm(first - second, axis=1)
 
 
-def strains(state: DrapedState) -> Float[np.ndarray, " f"]:
-    """The larger |stretch - 1| of the two principal stretches of every triangle.
+# Stretch of the median triangle of a panel beyond which the panel is too small for the body.
+TIGHT = 1.2
+
+
+def principal(state: DrapedState) -> Float[np.ndarray, "2 f"]:
+    """The principal stretches of every triangle, the larger one first.
 
     Of gathers only what their folds do not take up (`energy.gathers`).
     """
@@ -34,7 +39,28 @@ def strains(state: DrapedState) -> Float[np.ndarray, " f"]:
     stretches = principal_stretches(
         jnp.asarray(garment.vertices), jnp.asarray(garment.faces.T), rest
     )
-    return np.max(np.abs(np.stack([np.asarray(s) for s in stretches]) - 1.0), axis=0)
+    return np.stack([np.asarray(s) for s in stretches])
+
+
+def tight_panels(
+    stretches: Float[np.ndarray, "2 f"], face_panels: Int[np.ndarray, " f"], names: Sequence[str]
+) -> dict[str, float]:
+    """Panels that are stretched as a whole, and by how much their median triangle is.
+
+    A sound drape of a garment that is too small for its wearer is strained; it is the pattern that
+    is at fault, or the body, and here is where.
+
+    Args:
+        stretches: from `principal`.
+        face_panels: panel of each triangle.
+        names: of the panels.
+    """
+    medians = {
+        name: float(np.median(stretches[0][face_panels == number]))
+        for number, name in enumerate(names)
+        if np.any(face_panels == number)
+    }
+    return {name: stretch for name, stretch in medians.items() if stretch > TIGHT}
 
 
 def drape_quality(state: DrapedState) -> dict[str, Any]:
@@ -49,7 +75,8 @@ def drape_quality(state: DrapedState) -> dict[str, Any]:
     garment = state.garment
     body = (state.body_vertices, state.body_faces) if len(state.body_faces) else (None, None)
     crossings = count_intersections(garment.vertices, garment.faces, *body)
-    strain = strains(state)
+    stretches = principal(state)
+    strain = np.max(np.abs(stretches - 1.0), axis=0)
     return {
         "vertices": len(garment.vertices),
         "faces": len(garment.faces),
@@ -61,4 +88,5 @@ def drape_quality(state: DrapedState) -> dict[str, Any]:
         "max_strain": float(strain.max()),
         "median_strain": float(np.median(strain)),
         "strain_p99": float(np.quantile(strain, 0.99)),
+        "tight_panels": tight_panels(stretches, garment.face_panels, garment.panels),
     }

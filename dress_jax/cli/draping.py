@@ -184,6 +184,13 @@ def drape_options(
     )
 
 
+def _tight(panels: dict[str, float]) -> dict[str, str]:
+    if not panels:
+        return {}
+    named = sorted(panels.items(), key=lambda item: -item[1])
+    return {"too small here": ", ".join(f"{name} ({by - 1.0:.0%})" for name, by in named)}
+
+
 def _summary(report: dict[str, Any]) -> dict[str, Any]:
     crossings, seconds = report["intersections"], report["seconds"]
     return {
@@ -193,6 +200,7 @@ def _summary(report: dict[str, Any]) -> dict[str, Any]:
         "smallest distance [mm]": 1e3 * report["min_distance_m"],
         "converged": "yes" if report["converged"] else f"no: {report['result']}",
         "Newton steps": report["newton_iterations"],
+        **_tight(report["tight_panels"]),
         "largest / median strain": f"{report['max_strain']:.1%} / {report['median_strain']:.1%}",
         "seconds": f"{seconds['compile']:.1f} compiling, {seconds['run']:.1f} running",
     }

@@ -6,12 +6,14 @@ import shutil
 
 import numpy as np
 import pytest
+from command_scenes import small_skirt
 
 from dress_jax.application.check import check_result
 from dress_jax.io.images import load_targets
 from dress_jax.io.meshes import read_garment_obj, write_garment_obj
-from dress_jax.io.patterns import load_pattern
+from dress_jax.io.patterns import load_pattern, save_pattern
 from dress_jax.io.results import read_result, write_state
+from dress_jax.pattern import scaled
 from dress_jax.render.cameras import cameras_from_dict
 
 FILES = (
@@ -183,6 +185,27 @@ def test_a_garment_of_two_fabrics_that_tells_warp_from_weft(inputs, run, tmp_pat
     assert settings["fabric"] == "silk"
     assert settings["panel_fabrics"] == [["*front*", "denim"]]
     assert settings["membrane"] == "orthotropic"
+
+
+def test_a_skirt_that_is_too_narrow_is_put_on_all_the_same(inputs, run, draped, tmp_path):
+    """It is tight on the hips, where it is placed, and slides up to the waist."""
+    save_pattern(scaled(small_skirt(), {"*": (0.72, 1.0)}), tmp_path / "narrow.json")
+    result = run(
+        *("drape", tmp_path / "narrow.json", "--body", inputs / "body.obj"),
+        *("--edge-length", 0.06, "--out", tmp_path / "narrow"),
+    )
+    assert result.exit_code == 0, result.output
+    narrow, fitting = (
+        json.loads((folder / "report.json").read_text())
+        for folder in (tmp_path / "narrow", draped[0])
+    )
+    assert fitting["tight_panels"] == {}
+    assert narrow["max_strain"] > fitting["max_strain"]
+    upper = [
+        read_garment_obj(folder / "garment.obj").vertices[:, 1].max()
+        for folder in (tmp_path / "narrow", draped[0])
+    ]
+    assert upper[0] > upper[1] + 0.01
 
 
 def test_a_strain_limit_and_friction(inputs, run, tmp_path):

@@ -26,6 +26,10 @@ from dress_jax.solver.newton import NewtonOptions
 _CARRY_NEAR, _CARRY_FAR = 0.01, 0.05  # cloth is carried fully, and not at all, beyond these [m]
 _SMALLEST_ADVANCE = 1e-4  # [m]
 _PATIENCE = 8  # relaxations without an advance, or without enough distance
+# Tight cloth presses until the gap that is left bounds the advance; a stiffer barrier holds it
+# further away. So many relaxations without an advance make it so much stiffer, for the rest of the
+# way.
+_STIFFEN_AFTER, _STIFFER = 2, 4.0
 _KEPT_SHARE = 0.5  # of the smallest distance, while it is below twice the thickness
 # The same where cloth has to be driven apart at the end: a barrier that begins close to where a
 # tight cuff presses with all its force lifts it, one that begins at half of it does not.
@@ -115,6 +119,8 @@ def follow_body(
         stalled = 0
         for left, whole in walk.towards(np.asarray(target)):
             stalled = stalled + 1 if walk.last_advance < _SMALLEST_ADVANCE else 0
+            if stalled and stalled % _STIFFEN_AFTER == 0:
+                walk.stiffen()
             if stalled > _PATIENCE:
                 done = 100.0 * (number + 1.0 - left / whole) / len(targets)
                 raise InputError(
@@ -245,6 +251,11 @@ class _Walk:
             self._tell()
             self.relax()
             yield distance - self.last_advance, whole
+
+    def stiffen(self) -> None:
+        """Make the barrier stiffer, for the rest of the way."""
+        stiffness = _STIFFER * self._parameters.barrier_stiffness
+        self._parameters = replace(self._parameters, barrier_stiffness=stiffness)
 
     def _bound(self, displacement: np.ndarray, body_displacement: np.ndarray) -> float:
         return motion_bound(self._loose, self.positions, displacement, self.body, body_displacement)
