@@ -7,7 +7,7 @@ from jaxtyping import Array, Bool, Float, Int
 from dress_jax.core.buckets import bucket_size, pad_columns
 from dress_jax.core.components import Components, split
 from dress_jax.core.components import gather as gather_columns
-from dress_jax.core.pytree import pytree, replace
+from dress_jax.core.pytree import pytree
 
 # What padded lanes hold: 1 km apart as a vertex-face stencil and 650 m as an edge-edge stencil,
 # neither degenerate nor parallel.
@@ -39,16 +39,6 @@ class Candidates:
     edge_edge_count: Int[Array, ""]
     vertex_face_scales: Float[Array, " cv"]
     edge_edge_scales: Float[Array, " ce"]
-
-    def apart(self) -> tuple["Candidates", "Candidates"]:
-        """Those of each family alone."""
-        none = jnp.zeros((4, 0), jnp.int32), jnp.zeros((), jnp.int32), jnp.zeros(0)
-        return (
-            replace(self, edge_edge=none[0], edge_edge_count=none[1], edge_edge_scales=none[2]),
-            replace(
-                self, vertex_face=none[0], vertex_face_count=none[1], vertex_face_scales=none[2]
-            ),
-        )
 
 
 def make_candidates(

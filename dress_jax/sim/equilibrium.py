@@ -19,7 +19,6 @@ from dress_jax.energy.panels import triangle_place
 from dress_jax.energy.stretching import stretching_rest
 from dress_jax.geometry.intersection import IntersectionCounts
 from dress_jax.sim.adjoint import Linearization
-from dress_jax.sim.ahead import compile_ahead
 from dress_jax.sim.inputs import StepInputs
 from dress_jax.sim.objective import StepObjective
 from dress_jax.sim.places import place_of_closest_pair, place_of_intersections
@@ -84,7 +83,6 @@ def solve_step(
     x0 = np.asarray(inputs.step.start)
     _check_start(x0, objective)
     _check_strain(x0, objective)
-    compile_ahead(objective, x0, exact=simulator.newton.exact_below > 0.0)
     solution = minimize(objective, x0, simulator.newton, progress=_told(objective))
     x = solution.positions
     crossings = _count_intersections(x, objective)

@@ -1,7 +1,8 @@
 """Several solves at once: the lanes of a batch, each worker thread with a twin of the simulator.
 
 A solve waits for compiled programs, box trees and factorizations, all of which let other threads
-run, so lanes share the processors better than one solve uses them alone. What a solve leaves in a
+run, so lanes share the processors better than one solve uses them alone: each factorizes in its own
+thread. What a solve leaves in a
 simulator (sparsity, symbolic factorization, box trees, the last end) is each twin's own. Which lane
 is solved by which twin, and after which other lane, depends on their numbers alone, so a batch is
 repeated bit by bit.
@@ -18,6 +19,7 @@ import jax
 from dress_jax.sim.clean_state import CleanState
 from dress_jax.sim.last_end import LastEnd
 from dress_jax.sim.simulator import Simulator
+from dress_jax.solver.linear import one_thread
 
 _Result = TypeVar("_Result")
 
@@ -48,12 +50,12 @@ def run_lanes(
 
     def work(worker: int) -> list[_Result]:
         # Precision and device may have been set for the calling thread alone.
-        with jax.enable_x64(True), jax.default_device(device):
+        with jax.enable_x64(True), jax.default_device(device), one_thread():
             lanes = range(bounds[worker], bounds[worker + 1])
             return [solve(twins[worker], lane) for lane in lanes]
 
     if workers == 1:
-        return work(0)
+        return [solve(twins[0], lane) for lane in range(count)]
     with ThreadPoolExecutor(workers, thread_name_prefix="lanes") as pool:
         runs = list(pool.map(work, range(workers)))
     return [result for run in runs for result in run]

@@ -1,6 +1,6 @@
 """Sparse linear solvers behind one interface."""
 
-from dress_jax.solver.linear.choice import available_solvers, make_solver
+from dress_jax.solver.linear.choice import available_solvers, make_solver, one_thread
 from dress_jax.solver.linear.interface import Factorization, LinearSolveError, LinearSolver
 
 __all__ = [
@@ -9,4 +9,5 @@ __all__ = [
     "LinearSolver",
     "available_solvers",
     "make_solver",
+    "one_thread",
 ]

@@ -1,5 +1,6 @@
 """Which solver is used: by name, or the fastest that the platform has."""
 
+import contextlib
 import importlib.util
 
 import jax
@@ -14,6 +15,18 @@ def available_solvers() -> tuple[str, ...]:
     if importlib.util.find_spec("pypardiso") is not None:
         names.insert(0, "pardiso")
     return tuple(names)
+
+
+def one_thread() -> contextlib.AbstractContextManager[None]:
+    """Within it, direct solvers compute in the calling thread alone.
+
+    For several solves at once: each with threads of its own, they would wait for each other.
+    """
+    if importlib.util.find_spec("pypardiso") is None:
+        return contextlib.nullcontext()
+    from dress_jax.solver.linear.pardiso import one_mkl_thread
+
+    return one_mkl_thread()
 
 
 def make_solver(name: str = "auto") -> LinearSolver:

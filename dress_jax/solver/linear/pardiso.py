@@ -2,6 +2,8 @@
 
 import contextlib
 import sys
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pypardiso
@@ -13,6 +15,17 @@ from dress_jax.solver.linear.interface import LinearSolveError
 
 _SYMMETRIC_POSITIVE_DEFINITE = 2
 _ANALYZE, _FACTORIZE, _SOLVE, _RELEASE = 11, 22, 33, -1
+
+
+@contextlib.contextmanager
+def one_mkl_thread() -> Iterator[None]:
+    """Calls of the library from this thread compute in this thread alone."""
+    library: Any = pypardiso.PyPardisoSolver(mtype=_SYMMETRIC_POSITIVE_DEFINITE).libmkl
+    before = library.MKL_Set_Num_Threads_Local(1)
+    try:
+        yield
+    finally:
+        library.MKL_Set_Num_Threads_Local(before)
 
 
 class _PardisoFactorization:
