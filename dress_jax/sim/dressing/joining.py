@@ -43,6 +43,7 @@ _REACH = 0.08  # how far from a crossing it grows [m]
 _ROUNDS = 16
 _PUSH = 0.015  # per round [m]
 _PUSH_ROUNDS = 40
+_PIERCED_ROUNDS = 24  # of them with the skeleton outside: it must not take in a garment beside it
 # Averages over the neighbours of a vertex: how far a push fades out, what is near a triangle, and
 # which sheet it belongs to.
 _FADING, _NEIGHBOURHOOD, _SHEET = 12, 40, 200
@@ -136,6 +137,7 @@ def _pushed(
     """The surface after it has been pushed free, or None where that does not free it."""
     faces = crossings.faces
     offset = np.zeros((len(length), 3))
+    outside = 0
     for _ in range(_PUSH_ROUNDS):
         positions = smoother.solve(length, offset)
         touched = np.any(crossings.with_itself(positions)[faces], axis=1)
@@ -143,6 +145,9 @@ def _pushed(
         pierced[crossings.with_core(positions)] = True
         if not (touched.any() or pierced.any()):
             return Joined(positions, touched, float(length.max()))
+        outside += bool(pierced.any())
+        if outside > _PIERCED_ROUNDS:
+            return None
         wanted = np.where(
             pierced[:, None], crossings.outward(positions), crossings.apart(positions)
         )
