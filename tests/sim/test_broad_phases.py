@@ -27,6 +27,7 @@ def _parameters(cloth, rest, start, body):
     )
 
 
+@pytest.mark.slow
 def test_a_drape_is_the_same():
     """Bit by bit: the lists hold the same pairs in the same order."""
     found, slopes = [], []
@@ -74,6 +75,7 @@ def test_a_motion_of_the_body_has_the_same_bound():
     assert found[0] == found[1]
 
 
+@pytest.mark.slow
 def test_another_garment_of_similar_size_compiles_nothing():
     body, body_faces = ball(0.08)
 

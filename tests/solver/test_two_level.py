@@ -241,6 +241,7 @@ def test_other_contacts_compile_nothing():
     assert (two_level.prepare._cache_size(), two_level.solve._cache_size()) == traces
 
 
+@pytest.mark.slow
 def test_newton_ends_at_the_same_minimum():
     """A sheet in contact, with the direct solver and with this one, and its derivative."""
     cloth, simulator, rest, start, body = draped_sheet()
