@@ -66,7 +66,7 @@ MILESTONES = (1e-3, 1e-4, 1e-5)  # rms of a step [m]
 STAGES = (
     (objective.StepObjective, "_cover", "broad phase"),
     (kernels, "find_active", "active set"),
-    (objective.StepObjective, "contact_slots", "contact slots"),
+    (objective.StepObjective, "_contact_slots", "contact slots"),
     (objective.StepObjective, "factorize", "blocks and assembly"),
     (objective.StepObjective, "step_bound", "step bound"),
     (objective.StepObjective, "value", "energy"),

@@ -81,8 +81,6 @@ def step_bound(
     )
     best = jnp.ones((), start.dtype)
     for is_vertex_face, indices, count, scales in families:
-        if not indices.shape[1]:
-            continue
         xi = jnp.asarray(min_distance, start.dtype) * scales
         # Two programs: gaps used twice within one would be fused into, and computed by, each use.
         gap, rate = _measure(start, displacement, indices, count, xi, is_vertex_face=is_vertex_face)

@@ -16,8 +16,7 @@ The Newton loop and the linear solves run on the host, so all four are primitive
 derivative, transposition and batching rules, each a call of compiled pieces. Nothing but the
 inputs and the end of a step is kept for a backward pass, whatever the number of Newton iterations.
 
-Each primitive has a number of lanes: None for one step, or the length of the leading axis that all
-operands and results have. Lanes are solved at once (`sim.lanes`); the rules are the same for both.
+Each works in lanes as well, on several ends at once (`lane_primitives`); the rules are the same.
 """
 
 import functools
@@ -28,15 +27,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import Primitive
-from jax.interpreters import ad, batching
+from jax.interpreters import ad
 from jaxtyping import Array, Float
 
 from dress_jax.sim.adjoint import Linearization
 from dress_jax.sim.equilibrium import Report, solve_step
 from dress_jax.sim.inputs import StepInputs
 from dress_jax.sim.kernels import make_frame
-from dress_jax.sim.lanes import run_lanes
+from dress_jax.sim.lane_primitives import lane_primitive
 from dress_jax.sim.objective import StepObjective
 from dress_jax.sim.simulator import Simulator
 
@@ -375,87 +373,6 @@ def _nonzero(tangents: Sequence[Any]) -> tuple[Indices, list[Array]]:
     return chosen, [tangents[k] for k in chosen]
 
 
-def _in_lanes(single: Callable[..., Any], many: bool) -> Callable[..., Any]:
-    """The implementation of a primitive: itself, or in all lanes at once."""
-
-    def implementation(*operands, simulator: Simulator, lanes: int | None, **options):
-        if lanes is None:
-            return single(*operands, simulator=simulator, **options)
-
-        def solve(twin: Simulator, lane: int):
-            return single(*(operand[lane] for operand in operands), simulator=twin, **options)
-
-        results = run_lanes(simulator, lanes, solve)
-        if not many:
-            return jnp.stack(results)
-        return [jnp.stack(parts) for parts in zip(*results, strict=True)]
-
-    return implementation
-
-
-def _batching(primitive: Primitive, states: Callable[..., int]) -> Callable[..., Any]:
-    """The batching rule: of states, lanes; of right-hand sides at one state, one after the other.
-
-    Args:
-        states: how many of the first operands make a state, from the primitive's options.
-    """
-
-    def rule(operands, axes, *, simulator, lanes: int | None, **options):
-        size = next(
-            operand.shape[axis]
-            for operand, axis in zip(operands, axes, strict=True)
-            if axis is not batching.not_mapped
-        )
-        shared = all(axis is batching.not_mapped for axis in axes[: states(**options)])
-        bind = functools.partial(primitive.bind, simulator=simulator, **options)
-        if shared and lanes is None:
-            results = [bind(*_pick_lane(operands, axes, k), lanes=None) for k in range(size)]
-            if not primitive.multiple_results:
-                return jnp.stack(results), 0
-            stacked = [jnp.stack(parts) for parts in zip(*results, strict=True)]
-            return stacked, [0] * len(stacked)
-        # A batch of batches is one of all lanes; those that may share a state are neighbours.
-        place = 0 if lanes is None else 1
-        moved = [
-            batching.bdim_at_front(operand, axis, size)
-            for operand, axis in zip(operands, axes, strict=True)
-        ]
-        if lanes is not None:
-            moved = [jnp.moveaxis(o, 0, 1).reshape(lanes * size, *o.shape[2:]) for o in moved]
-        results = bind(*moved, lanes=size * (lanes or 1))
-
-        def apart(result):
-            return result if lanes is None else result.reshape(lanes, size, *result.shape[1:])
-
-        if not primitive.multiple_results:
-            return apart(results), place
-        return [apart(result) for result in results], [place] * len(results)
-
-    return rule
-
-
-def _pick_lane(operands, axes, lane: int) -> list:
-    return [
-        operand
-        if axis is batching.not_mapped
-        else jax.lax.index_in_dim(operand, lane, axis, keepdims=False)
-        for operand, axis in zip(operands, axes, strict=True)
-    ]
-
-
-def _primitive(
-    name: str, implementation, shapes, derivative, transposition, *, states, many: bool
-) -> Primitive:
-    made = Primitive(name)
-    made.multiple_results = many
-    made.def_impl(_in_lanes(implementation, many))
-    made.def_abstract_eval(shapes)
-    ad.primitive_jvps[made] = derivative
-    ad.primitive_transposes[made] = transposition
-    batching.primitive_batchers[made] = _batching(made, states)
-    return made
-
-
 def _like_the_end(x, *_, **__):
     return x
 
@@ -472,7 +389,7 @@ def _end_and_inputs(*, tree, **_) -> int:
     return 1 + tree.num_leaves
 
 
-_solve = _primitive(
+_solve = lane_primitive(
     "implicit_step",
     _solve_impl,
     _untraceable,
@@ -481,7 +398,7 @@ _solve = _primitive(
     states=_inputs,
     many=True,
 )
-_rate = _primitive(
+_rate = lane_primitive(
     "implicit_step_rate",
     _rate_impl,
     _like_the_end,
@@ -490,7 +407,7 @@ _rate = _primitive(
     states=_end_and_inputs,
     many=False,
 )
-_pull = _primitive(
+_pull = lane_primitive(
     "implicit_step_pull",
     _pull_impl,
     _like_the_leaves,
@@ -499,7 +416,7 @@ _pull = _primitive(
     states=_end_and_inputs,
     many=True,
 )
-_rate_change = _primitive(
+_rate_change = lane_primitive(
     "implicit_step_rate_change",
     _rate_change_impl,
     _like_the_end,
@@ -508,7 +425,7 @@ _rate_change = _primitive(
     states=_end_and_inputs,
     many=False,
 )
-_pull_change = _primitive(
+_pull_change = lane_primitive(
     "implicit_step_pull_change",
     _pull_change_impl,
     _like_the_leaves,

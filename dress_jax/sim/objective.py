@@ -275,10 +275,10 @@ class StepObjective:
         families = [(kinds.sliding, pairs) for pairs in self._sliding]
         for pairs in self.contacts(positions):
             if exact and pairs.kind is PairKind.EDGE_EDGE:
-                pairs, parallel = self.by_angle(positions, pairs)
+                pairs, parallel = self._by_angle(positions, pairs)
                 families.append((kinds.mollified, parallel))
             families.append((kinds.barrier, pairs))
-        slots = self.contact_slots([pairs for _, pairs in families], positions)
+        slots = self._contact_slots([pairs for _, pairs in families], positions)
 
         simulator, x = self.simulator, self._padding.positions(positions)
         values = kinds.elastic(x, *self.fixed, simulator.slots, capacity=simulator.pattern.capacity)
@@ -286,12 +286,12 @@ class StepObjective:
             values = kernel(values, x, self._padded, self.frame, pairs, target)
         return upper_triangle(simulator.pattern, values)
 
-    def by_angle(self, positions: Positions, pairs: Pairs) -> tuple[Pairs, Pairs]:
+    def _by_angle(self, positions: Positions, pairs: Pairs) -> tuple[Pairs, Pairs]:
         """Edge-edge pairs without those that are nearly parallel, and those."""
         mask = kernels.find_parallel(self.together(positions), pairs)
         return separated(pairs, mask, on_device=self._on_device, smallest=256)
 
-    def contact_slots(self, families: list[Pairs], positions: Positions) -> list[BlockSlots]:
+    def _contact_slots(self, families: list[Pairs], positions: Positions) -> list[BlockSlots]:
         """Slots of contact pairs; extends the pattern where it lacks a block."""
         simulator = self.simulator
         size = simulator.pattern.size

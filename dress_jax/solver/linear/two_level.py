@@ -25,6 +25,9 @@ from dress_jax.solver.linear.layout import Layout, make_layout, padded_data
 
 _RELATIVE_TOLERANCE = 1e-10
 _ITERATION_LIMIT = 5_000
+# Relative residual that will do where rounding keeps the iterations from the tolerance: a Newton
+# step is off by no more than that, and derivatives check their own.
+_SUFFICIENT = 1e-8
 # Squared residuals of two beginnings: above this share the rest is rounding.
 _DRIFT = 0.25
 # Right-hand sides that are solved together: matrices are read once for all of them.
@@ -57,7 +60,8 @@ class Solved(NamedTuple):
 
     Attributes:
         solution: x.
-        converged: whether |b - A x| <= tolerance |b|, or as small as rounding lets it become.
+        converged: whether |b - A x| <= tolerance |b|, or as small as rounding lets it become and
+            sufficient.
         iterations: number of products with A.
         curvature: the last p^T A p; where it is not positive, the matrix is not positive definite.
     """
@@ -193,9 +197,11 @@ def solve(system: TwoLevelSystem, layout: Layout, b: Vector, tolerance: Float[Ar
         return x, b - product(system, layout, x), jnp.vdot(r, r), before + iterations, curvature
 
     start = (jnp.zeros_like(b), b, jnp.asarray(jnp.inf), jnp.asarray(0), jnp.asarray(1.0))
-    x, _, _, iterations, curvature = jax.lax.while_loop(unfinished, improve, start)
+    x, r, _, iterations, curvature = jax.lax.while_loop(unfinished, improve, start)
     # A right-hand side that is not a number leaves the loop at once.
-    converged = (iterations < _ITERATION_LIMIT) & (curvature > 0.0) & jnp.isfinite(limit)
+    small = jnp.isfinite(limit)
+    small &= jnp.vdot(r, r) <= jnp.maximum(limit, _SUFFICIENT**2 * jnp.vdot(b, b))
+    converged = (iterations < _ITERATION_LIMIT) & (curvature > 0.0) & small
     return Solved(x, converged, iterations, curvature)
 
 
