@@ -3,12 +3,10 @@
 from collections.abc import Sequence
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from dress_jax.energy.gathers import find_gathers, gathered_triangles
-from dress_jax.energy.membrane import principal_stretches
+from dress_jax.energy.stretching import mesh_stretches
 from dress_jax.geometry.intersection import count_intersections, minimum_distance
 from dress_jax.io.results import DrapedState
 
@@ -25,23 +23,6 @@ def seam_gaps(state: DrapedState) -> Float[np.ndarray, " s"]:
 TIGHT = 1.2
 
 
-def principal(state: DrapedState) -> Float[np.ndarray, "2 f"]:
-    """The principal stretches of every triangle, the larger one first.
-
-    Of gathers only what their folds do not take up (`energy.gathers`).
-    """
-    garment = state.garment
-    rest = gathered_triangles(
-        jnp.asarray(garment.rest_positions),
-        jnp.asarray(garment.rest_faces.T),
-        find_gathers(garment.faces, garment.rest_faces, garment.rest_positions),
-    )
-    stretches = principal_stretches(
-        jnp.asarray(garment.vertices), jnp.asarray(garment.faces.T), rest
-    )
-    return np.stack([np.asarray(s) for s in stretches])
-
-
 def tight_panels(
     stretches: Float[np.ndarray, "2 f"], face_panels: Int[np.ndarray, " f"], names: Sequence[str]
 ) -> dict[str, float]:
@@ -51,7 +32,7 @@ def tight_panels(
     is at fault, or the body, and here is where.
 
     Args:
-        stretches: from `principal`.
+        stretches: from `energy.stretching.mesh_stretches`.
         face_panels: panel of each triangle.
         names: of the panels.
     """
@@ -75,7 +56,9 @@ def drape_quality(state: DrapedState) -> dict[str, Any]:
     garment = state.garment
     body = (state.body_vertices, state.body_faces) if len(state.body_faces) else (None, None)
     crossings = count_intersections(garment.vertices, garment.faces, *body)
-    stretches = principal(state)
+    stretches = mesh_stretches(
+        garment.vertices, garment.faces, garment.rest_positions, garment.rest_faces
+    )
     strain = np.max(np.abs(stretches - 1.0), axis=0)
     return {
         "vertices": len(garment.vertices),

@@ -1,16 +1,19 @@
 """The membrane of a cloth: the energy and the Hessian of the model that it chose."""
 
-from jaxtyping import Array, Float
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
 
 from dress_jax.core.components import Components
 from dress_jax.energy.cloth import Cloth, Parameters
 from dress_jax.energy.deformation import add_isotropic, principal_frame
-from dress_jax.energy.gathers import gathered_triangles
+from dress_jax.energy.gathers import find_gathers, gathered_triangles
 from dress_jax.energy.membrane import (
     MembraneFrame,
     MembraneModel,
     isotropic_hessian,
     membrane_energy,
+    principal_stretches,
 )
 from dress_jax.energy.orthotropic import (
     OrthotropicStiffness,
@@ -95,3 +98,28 @@ def stretching_frame(
         limit = strain_limit_hessian(frame, rest.areas, parameters.strain_limit)
         hessian = add_isotropic(hessian, limit)
     return MembraneFrame(frame.axes, frame.alpha, frame.beta, hessian)
+
+
+def mesh_stretches(
+    positions: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "f 3"],
+    rest_positions: Float[np.ndarray, "p 2"],
+    rest_faces: Int[np.ndarray, "f 3"],
+) -> Float[np.ndarray, "2 f"]:
+    """The principal stretches of every triangle, the larger one first, on the host.
+
+    Of gathers only what their folds do not take up (`energy.gathers`).
+
+    Args:
+        positions: welded vertices [m].
+        faces: triangles in welded vertices.
+        rest_positions: panel coordinates [m].
+        rest_faces: the same triangles in panel vertices.
+    """
+    rest = gathered_triangles(
+        jnp.asarray(rest_positions),
+        jnp.asarray(rest_faces.T),
+        find_gathers(faces, rest_faces, rest_positions),
+    )
+    stretches = principal_stretches(jnp.asarray(positions), jnp.asarray(faces.T), rest)
+    return np.stack([np.asarray(stretch) for stretch in stretches])

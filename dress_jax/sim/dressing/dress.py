@@ -13,9 +13,9 @@ from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import Cloth, Gravity, Parameters, make_cloth
 from dress_jax.energy.fabric import Fabrics
-from dress_jax.energy.gathers import find_gathers, gathered_triangles
-from dress_jax.energy.membrane import MembraneModel, principal_stretches
+from dress_jax.energy.membrane import MembraneModel
 from dress_jax.energy.panels import FacePanels
+from dress_jax.energy.stretching import mesh_stretches
 from dress_jax.pattern import Discretization, placed_positions
 from dress_jax.sim.dressing.components import Component, split_components
 from dress_jax.sim.dressing.growth import (
@@ -262,7 +262,10 @@ def _slid_into_place(
 ) -> np.ndarray:
     """Vertices of a tight garment after it has slid to where it is less stretched, [m]."""
     for _ in range(_SLIDES):
-        if np.quantile(_stretches(surface, positions), 0.99) <= 1.0 + _TIGHT:
+        stretches = mesh_stretches(
+            positions, surface.faces, surface.rest_positions, surface.rest_faces
+        )
+        if np.quantile(stretches[0], 0.99) <= 1.0 + _TIGHT:
             return positions
         before = positions
         positions = settle(
@@ -271,17 +274,6 @@ def _slid_into_place(
         if np.max(np.linalg.norm(positions - before, axis=1)) < _STILL:
             return positions
     return positions
-
-
-def _stretches(surface: Surface, positions: np.ndarray) -> Float[np.ndarray, " f"]:
-    """The larger principal stretch of each triangle, gathers drawn up."""
-    rest = gathered_triangles(
-        jnp.asarray(surface.rest_positions),
-        jnp.asarray(surface.rest_faces.T),
-        find_gathers(surface.faces, surface.rest_faces, surface.rest_positions),
-    )
-    faces = jnp.asarray(surface.faces.T)
-    return np.asarray(principal_stretches(jnp.asarray(positions), faces, rest)[0])
 
 
 def _refuse(
