@@ -83,3 +83,24 @@ def central_difference(function, size: float) -> float:
     """Fourth-order central difference of a scalar function at zero."""
     one, two = function(size) - function(-size), function(2 * size) - function(-2 * size)
     return float((8 * one - two) / (12 * size))
+
+
+def check_slope(value, at, *, tolerance: float, step: float = 1e-6, seed: int = 2):
+    """Check the gradient of a scalar function of a pytree along one random direction.
+
+    Args:
+        value: the function.
+        at: where, a pytree of float arrays.
+        tolerance: relative.
+        step: of the central difference, in the units of the leaves.
+    """
+    rng = np.random.default_rng(seed)
+    direction = jax.tree.map(lambda leaf: jnp.asarray(rng.normal(size=leaf.shape)), at)
+    products = jax.tree.map(lambda g, d: float(jnp.vdot(g, d)), jax.grad(value)(at), direction)
+    slope = sum(jax.tree.leaves(products))
+    assert abs(slope) > 1e-4
+
+    def along(length):
+        return value(jax.tree.map(lambda leaf, d: leaf + length * d, at, direction))
+
+    np.testing.assert_allclose(slope, central_difference(along, step), rtol=tolerance)

@@ -46,8 +46,9 @@ from dress_jax.optimisation import (
     make_problem,
 )
 from dress_jax.optimisation.draping import fitted_parameters
+from dress_jax.optimisation.problem import rest_shape
 from dress_jax.optimisation.state import DrapedUnknowns, Unknowns
-from dress_jax.pattern import Discretization, Pattern, discretize, rest_positions
+from dress_jax.pattern import Discretization, Pattern, discretize
 from dress_jax.sim import make_simulation, static_solve
 from dress_jax.sim.equilibrium import Report
 
@@ -173,7 +174,7 @@ def fit_pattern(
     before, after = (
         evaluate(problem, s, true_mesh=true_mesh, true_pattern=truth) for s in (begin, end)
     )
-    rest = np.asarray(rest_positions(end.unknowns.pattern, discretization))
+    rest = np.asarray(rest_shape(problem, end.unknowns.pattern))
     garment = dataclasses.replace(
         start.garment, vertices=np.asarray(end.positions), rest_positions=rest
     )
@@ -299,7 +300,7 @@ def _run(
 
 def _settle(problem: FitProblem, state: DrapedUnknowns) -> tuple[Fitted, Report]:
     """Drape the fitted pattern once more, to the full tolerance, for the record."""
-    rest = rest_positions(state.unknowns.pattern, problem.discretization)
+    rest = rest_shape(problem, state.unknowns.pattern)
     unknowns = state.unknowns
     parameters = fitted_parameters(problem, rest, unknowns.log_stiffness, unknowns.pin_shift)
     simulator = dataclasses.replace(problem.simulator)

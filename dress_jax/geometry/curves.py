@@ -111,6 +111,35 @@ def arc_length(height: Numbers, *, xp: ModuleType = jnp) -> Any:
     return xp.where(straight, series, safe / xp.sin(safe))
 
 
+def end_directions(arc: Flags, first: Points, second: Points, *, xp: ModuleType = jnp) -> Any:
+    """Directions in which curves leave their start and reach their end, of any length.
+
+    Where a control point coincides with its end, the other one gives the direction.
+
+    Args:
+        arc: whether the curve is an arc, shape (...).
+        first, second: cubic control points; an arc's height is `first[..., 1]`, shape (..., 2).
+
+    Returns:
+        Two vectors in the chord frame, each of shape (..., 2).
+    """
+    unit = xp.asarray([1.0, 0.0]).reshape((1,) * (first.ndim - 1) + (2,))
+    to_end, between = unit - second, second - first
+
+    def chosen(own: Any, other: Any) -> Any:
+        moving = xp.sum(own * own, axis=-1, keepdims=True) > 0.0
+        return xp.where(moving, own, other)
+
+    half_angle = 2.0 * xp.arctan(2.0 * xp.where(arc, first[..., 1], 0.0))
+    rising = xp.stack([xp.cos(half_angle), xp.sin(half_angle)], axis=-1)
+    falling = rising * xp.asarray([1.0, -1.0]).reshape(unit.shape)
+    is_arc = arc[..., None]
+    return (
+        xp.where(is_arc, rising, chosen(first, second)),
+        xp.where(is_arc, falling, chosen(to_end, chosen(between, unit - first))),
+    )
+
+
 def curve_point(
     arc: Flags, first: Points, second: Points, t: Numbers, *, xp: ModuleType = jnp
 ) -> Any:

@@ -150,6 +150,13 @@ def boundary_loops(faces: Int[np.ndarray, "f 3"]) -> list[Int[np.ndarray, "k"]]:
     return sorted(loops, key=lambda loop: tuple(loop[:2]))
 
 
+def boundary_vertices(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "k"]:
+    """The vertices of edges with one face, in order; any orientation will do."""
+    half = _half_edges(_as_faces(faces))
+    alone = half.twin < 0
+    return np.unique(np.concatenate([half.origin[alone], half.target[alone]]))
+
+
 def connected_components(faces: Int[np.ndarray, "f 3"], n: int) -> Int[np.ndarray, "n"]:
     """The component of every vertex, numbered from 0; a vertex without faces is its own component.
 

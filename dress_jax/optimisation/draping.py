@@ -11,7 +11,7 @@ from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
 from dress_jax.core.results import Result
 from dress_jax.energy.cloth import STRETCHING_LEAVES, Parameters
-from dress_jax.optimisation.problem import FitProblem
+from dress_jax.optimisation.problem import FitProblem, validated_pattern
 from dress_jax.optimisation.report import FitInfo, StepOutcome
 from dress_jax.optimisation.state import Unknowns
 from dress_jax.pattern import pattern_parameters, rest_positions
@@ -60,18 +60,19 @@ def simulate(
     log_stiffness: Float[Array, "2"],
     pin_shift: Float[Array, "3"],
     start: Float[Array, "n 3"],
-) -> tuple[tuple[Array, Array], Report]:
-    """Rest shape and drape, differentiable in pattern and stiffness (S9.7).
+) -> tuple[tuple[Array, Array, PatternParameters], Report]:
+    """Drape, rest shape and validated pattern, differentiable in pattern and stiffness (S9.7).
 
     One implicit step of 1 s from rest (S9.3, S9.8); the start carries no gradient (S9.4).
 
     Returns:
-        (draped positions, rest positions) [m], and how the solve went.
+        (draped positions [m], rest positions [m], pattern), and how the solve went.
     """
+    pattern = validated_pattern(problem, pattern)
     rest = rest_positions(pattern, problem.discretization)
     parameters = fitted_parameters(problem, rest, log_stiffness, pin_shift)
     drape = static_solve(simulator, parameters, start)
-    return (drape.positions, rest), drape.report
+    return (drape.positions, rest, pattern), drape.report
 
 
 def fitted_parameters(
@@ -92,8 +93,8 @@ def fitted_parameters(
     )
 
 
-def smallest_relative_area(problem: FitProblem, rest: Float[np.ndarray, "p 2"]) -> float:
-    """Least signed area of a rest triangle over the one it was meshed with."""
+def relative_areas(problem: FitProblem, rest: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, " f"]:
+    """Signed area of every rest triangle over the one it was meshed with."""
     corners = np.asarray(problem.discretization.rest_faces)
 
     def doubled(points: np.ndarray) -> np.ndarray:
@@ -102,7 +103,12 @@ def smallest_relative_area(problem: FitProblem, rest: Float[np.ndarray, "p 2"]) 
         return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
 
     meshed = np.asarray(problem.discretization.meshed_positions)
-    return float(np.min(doubled(np.asarray(rest)) / doubled(meshed)))
+    return doubled(np.asarray(rest)) / doubled(meshed)
+
+
+def smallest_relative_area(problem: FitProblem, rest: Float[np.ndarray, "p 2"]) -> float:
+    """Least of `relative_areas`; negative where a triangle has flipped."""
+    return float(np.min(relative_areas(problem, rest)))
 
 
 def drape_info(problem: FitProblem, report: Report, positions: Array, iteration: int) -> FitInfo:

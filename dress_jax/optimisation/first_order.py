@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from dress_jax.core.pytree import replace
 from dress_jax.optimisation.draping import Clock, does_not_drape, initial_unknowns, settle
+from dress_jax.optimisation.flip_guard import guard_flips
 from dress_jax.optimisation.optimizer import corner_links, init_optimizer, propose, rates
 from dress_jax.optimisation.problem import FitProblem, corner_panels
 from dress_jax.optimisation.report import FitInfo
@@ -78,6 +79,7 @@ def step(
             np.asarray(problem.discretization.edges.vertices),
         ),
     )
+    unknowns = guard_flips(problem, unknowns).unknowns
     trial = try_unknowns(problem, unknowns, state.positions, iteration=iteration, clock=clock)
     info = dataclasses.replace(trial.info, rate_scale=scale)
     following = jnp.asarray(iteration + 1)

@@ -11,7 +11,10 @@ from jaxtyping import Array, Float
 from dress_jax.core.pytree import pytree, replace
 from dress_jax.loss.area_ratio import area_ratio
 from dress_jax.loss.comfort import comfort
+from dress_jax.loss.corners import boundary_corner, discretization_consistency, small_angle
 from dress_jax.loss.image import color_loss, mask_loss, normal_loss
+from dress_jax.loss.laplacian import laplacian
+from dress_jax.loss.seam_curvature import seam_curvature
 from dress_jax.loss.seam_length import seam_length
 from dress_jax.optimisation.observation import Observation
 from dress_jax.optimisation.problem import Tables
@@ -20,6 +23,7 @@ from dress_jax.render.images import render
 from dress_jax.render.views import mean_over_views
 
 _SEAM_SMOOTHING = 1e-3  # [m]; what a tailor would not notice
+_CURVATURE_SMOOTHING = 1e-3  # [chord lengths]; likewise
 
 
 @pytree
@@ -29,7 +33,7 @@ class Garment:
     Attributes:
         positions: the drape [m], (n, 3).
         rest_positions: panel vertices [m], (p, 2).
-        pattern: the pattern's parameters.
+        pattern: the pattern's validated parameters.
         colors: vertex colours, (n, 3).
     """
 
@@ -84,10 +88,50 @@ def _seam_length(garment: Garment, tables: Tables) -> Float[Array, ""]:
     )
 
 
+def _seam_curvature(garment: Garment, tables: Tables) -> Float[Array, ""]:
+    return seam_curvature(
+        garment.pattern,
+        tables.reference,
+        tables.edges,
+        tables.stitch_edges,
+        smoothing=_CURVATURE_SMOOTHING,
+    )
+
+
+def _laplacian(garment: Garment, tables: Tables) -> Float[Array, ""]:
+    cloth = tables.cloth
+    return laplacian(
+        garment.positions, garment.rest_positions, cloth.faces, cloth.rest_faces, tables.interior
+    )
+
+
+def _small_angle(garment: Garment, tables: Tables) -> Float[Array, ""]:
+    return small_angle(garment.rest_positions, tables.corners, tables.corner_signs)
+
+
+def _discretization(garment: Garment, tables: Tables) -> Float[Array, ""]:
+    return discretization_consistency(
+        garment.pattern, garment.rest_positions, tables.edges, tables.corners
+    )
+
+
+def _boundary_corner(garment: Garment, tables: Tables) -> Float[Array, ""]:
+    return boundary_corner(garment.pattern, tables.edges, tables.corners)
+
+
 IMAGE_TERMS = ("mask", "color", "normal")
 
 REGULARIZERS: Mapping[str, Callable[[Garment, Tables], Float[Array, ""]]] = MappingProxyType(
-    {"comfort": _comfort, "area_ratio": _area_ratio, "seam_length": _seam_length}
+    {
+        "comfort": _comfort,
+        "laplacian": _laplacian,
+        "area_ratio": _area_ratio,
+        "small_angle": _small_angle,
+        "discretization": _discretization,
+        "boundary_corner": _boundary_corner,
+        "seam_length": _seam_length,
+        "seam_curvature": _seam_curvature,
+    }
 )
 """Terms without images. A new one is a function here and a weight in `options.PAPER_WEIGHTS`."""
 

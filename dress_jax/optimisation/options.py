@@ -16,11 +16,19 @@ PAPER_WEIGHTS: Mapping[str, float] = MappingProxyType(
         "color": COLOR_WEIGHT,
         "normal": NORMAL_WEIGHT,
         "comfort": 0.1,
+        "laplacian": 0.001,
         "area_ratio": 0.01,
+        "small_angle": 0.01,
+        "discretization": 0.001,
+        "boundary_corner": 0.001,
         "seam_length": 0.1,
+        "seam_curvature": 0.1,
     }
 )
-"""Weights of the terms that a fit knows: image losses (S10) and regularizers (S11, S16.2)."""
+"""Weights of the terms that a fit knows: image losses (S10) and regularizers (S11, S16.2).
+
+The paper gives lambda_SL twice, 0.1 both times; the second is read as that of the seam curvature.
+"""
 
 
 class FitMethod(enum.Enum):
@@ -68,6 +76,8 @@ class FitOptions:
         rates: learning rates.
         final_rate: share of the rates left at the last iteration; they follow half a cosine.
         weights: weight of every term by name; a term that is absent or zero is not computed.
+        symmetrize: whether panels that mirror each other, or themselves, in the initial pattern do
+            so in every pattern that is draped and compared (S4); see `pattern.symmetry`.
         views_per_iteration: how many views one iteration looks at; None for all. A subset moves
             on through a fixed permutation of the views, so that every view has its turn.
         seed: of that permutation.
@@ -80,6 +90,8 @@ class FitOptions:
         polish: how often a drape without a gradient goes on to a tighter tolerance.
         smallest_area: least area of a rest triangle, relative to the area it was meshed with;
             negative areas are flipped triangles (S12.4).
+        guarded_area: proposals with a relative area below this one are first moved to the nearest
+            pattern without any (`flip_guard`, S12); 0 leaves them as they are.
         shrink, grow: factors on the learning rates after a rejected and an accepted step.
         smallest_scale: the fit ends when rejections have shrunk the rates below this share.
     """
@@ -91,6 +103,7 @@ class FitOptions:
     rates: LearningRates = dataclasses.field(default_factory=LearningRates)
     final_rate: float = 0.1
     weights: Mapping[str, float] = dataclasses.field(default_factory=lambda: PAPER_WEIGHTS)
+    symmetrize: bool = True
     views_per_iteration: int | None = None
     seed: int = 0
     momentum: float = 0.8
@@ -100,6 +113,7 @@ class FitOptions:
     largest_remaining_step: float = 1e-3
     polish: int = 2
     smallest_area: float = 0.1
+    guarded_area: float = 0.2
     shrink: float = 0.5
     grow: float = 1.5
     smallest_scale: float = 1e-3
@@ -124,7 +138,7 @@ class FitOptions:
         _require(not subset, "views_per_iteration", views, "None, or the method Adam")
         for name in ("final_rate", "shrink", "smallest_scale"):
             _require(0.0 < getattr(self, name) <= 1.0, name, getattr(self, name), "in (0, 1]")
-        for name in ("momentum", "memory", "smallest_area"):
+        for name in ("momentum", "memory", "smallest_area", "guarded_area"):
             _require(0.0 <= getattr(self, name) < 1.0, name, getattr(self, name), "in [0, 1)")
         _require(0.0 <= self.sharing <= 1.0, "sharing", self.sharing, "in [0, 1]")
         _require(self.shrink < 1.0, "shrink", self.shrink, "below 1")

@@ -4,13 +4,15 @@ import dataclasses
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from dress_jax.core.errors import InputError
 from dress_jax.core.precision import require_float64
 from dress_jax.core.pytree import pytree
 from dress_jax.energy.cloth import Cloth, Parameters
 from dress_jax.loss.area_ratio import panel_areas
+from dress_jax.loss.corners import corner_signs
+from dress_jax.loss.laplacian import interior_vertices
 from dress_jax.loss.seam_length import seam_ratios
 from dress_jax.optimisation.observation import Observation
 from dress_jax.optimisation.options import FitOptions
@@ -21,8 +23,12 @@ from dress_jax.pattern import (
     Pattern,
     components,
     pattern_parameters,
+    rest_positions,
     with_parameters,
 )
+from dress_jax.pattern.corners import CornerTable, corner_table
+from dress_jax.pattern.parameters import PatternParameters
+from dress_jax.pattern.symmetry import Symmetry, make_symmetry, validated
 from dress_jax.render.mesh import RenderMesh, make_render_mesh
 from dress_jax.sim import Simulator
 
@@ -42,6 +48,11 @@ class Tables:
         edges: corners and controls of every pattern edge.
         stitch_edges: the two edges of each stitch, (stitches, 2).
         seam_ratios: of their lengths in the initial pattern, so that gathers stay, (stitches,).
+        reference: the initial pattern, validated (S21.11).
+        corners: of all panels.
+        corner_signs: on which side they open in the initial pattern, (corners,).
+        interior: vertices off the garment's boundary, (n,).
+        symmetry: from optimised to validated parameters; None where nothing mirrors anything.
     """
 
     garment: RenderMesh
@@ -54,6 +65,11 @@ class Tables:
     edges: EdgeTable
     stitch_edges: Int[np.ndarray, "stitches 2"]
     seam_ratios: Float[Array, " stitches"]
+    reference: PatternParameters
+    corners: CornerTable
+    corner_signs: Float[Array, " corners"]
+    interior: Bool[np.ndarray, " n"]
+    symmetry: Symmetry | None
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -133,6 +149,9 @@ def make_problem(
         jnp.zeros((count, 3)), np.asarray(discretization.faces), colors=jnp.asarray(colors)
     )
     stitch_edges = np.asarray(discretization.stitch_edges)
+    symmetry = make_symmetry(pattern) if options.symmetrize else None
+    reference, corners = validated(start, symmetry), corner_table(discretization)
+    rest = rest_positions(reference, discretization)
     tables = Tables(
         garment=garment,
         occluder=occluder,
@@ -141,14 +160,19 @@ def make_problem(
         face_panel=np.asarray(discretization.face_panel),
         component=components(discretization),
         reference_areas=panel_areas(
-            jnp.asarray(discretization.meshed_positions),
+            rest,
             np.asarray(discretization.rest_faces),
             np.asarray(discretization.face_panel),
             discretization.panel_count,
         ),
         edges=discretization.edges,
         stitch_edges=stitch_edges,
-        seam_ratios=seam_ratios(start, discretization.edges, stitch_edges),
+        seam_ratios=seam_ratios(reference, discretization.edges, stitch_edges),
+        reference=reference,
+        corners=corners,
+        corner_signs=corner_signs(rest, corners),
+        interior=interior_vertices(np.asarray(discretization.faces), count),
+        symmetry=symmetry,
     )
     return FitProblem(
         pattern=pattern,
@@ -167,9 +191,19 @@ def corner_panels(pattern: Pattern) -> Int[np.ndarray, " V"]:
     return np.repeat(np.arange(len(pattern.panels)), [len(p.vertices) for p in pattern.panels])
 
 
+def validated_pattern(problem: FitProblem, parameters: PatternParameters) -> PatternParameters:
+    """The pattern that is draped and compared for some optimised parameters (S4.6, S4.7)."""
+    return validated(parameters, problem.tables.symmetry)
+
+
+def rest_shape(problem: FitProblem, parameters: PatternParameters) -> Float[Array, "P 2"]:
+    """Its panel vertices [m]."""
+    return rest_positions(validated_pattern(problem, parameters), problem.discretization)
+
+
 def fitted_pattern(problem: FitProblem, state: DrapedUnknowns) -> Pattern:
     """The problem's pattern with the corners and controls of a state (host)."""
-    return with_parameters(problem.pattern, state.unknowns.pattern)
+    return with_parameters(problem.pattern, validated_pattern(problem, state.unknowns.pattern))
 
 
 def _check(

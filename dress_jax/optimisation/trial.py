@@ -13,10 +13,9 @@ from jaxtyping import Array
 from dress_jax.optimisation.draping import Clock, drape_info, simulate, smallest_relative_area
 from dress_jax.optimisation.losses import Assessment, Garment, assess
 from dress_jax.optimisation.observation import Observation
-from dress_jax.optimisation.problem import FitProblem
+from dress_jax.optimisation.problem import FitProblem, rest_shape
 from dress_jax.optimisation.report import FitInfo, StepOutcome
 from dress_jax.optimisation.state import Unknowns, finite
-from dress_jax.pattern import rest_positions
 from dress_jax.sim import Simulator
 from dress_jax.sim.adjoint import AdjointWarning
 
@@ -76,7 +75,7 @@ def try_unknowns(
     """
     if not finite(unknowns):
         return Trial(FitInfo(iteration, StepOutcome.NON_FINITE))
-    rest = np.asarray(rest_positions(unknowns.pattern, problem.discretization))
+    rest = np.asarray(rest_shape(problem, unknowns.pattern))
     if not smallest_relative_area(problem, rest) >= problem.options.smallest_area:
         return Trial(FitInfo(iteration, StepOutcome.REST_DEGENERATE))
 
@@ -118,7 +117,7 @@ def _drape_and_assess(
             info = dataclasses.replace(info, seconds={**seconds, "total": sum(parts)})
         return Trial(info, **results)
 
-    (positions, rest), pull, report = jax.vjp(
+    (positions, rest, pattern), pull, report = jax.vjp(
         lambda pattern, log, shift: simulate(problem, simulator, pattern, log, shift, start),
         unknowns.pattern,
         unknowns.log_stiffness,
@@ -132,7 +131,7 @@ def _drape_and_assess(
 
     weights = {name: jnp.asarray(w) for name, w in options.active_weights.items()}
     views = select_views(problem.observation, options.views_per_iteration, options.seed, iteration)
-    garment = Garment(positions, rest, unknowns.pattern, unknowns.colors)
+    garment = Garment(positions, rest, pattern, unknowns.colors)
     assessment = jax.block_until_ready(assess(garment, weights, problem.tables, views))
     times.append(now())
     info = _with_assessment(info, assessment)
@@ -162,9 +161,11 @@ def _pull_back(pull: Callable, slopes: Garment) -> Unknowns:
     with warnings.catch_warnings():
         # A failed adjoint is NaN, which rejects the step; that is the report of it.
         warnings.simplefilter("ignore", AdjointWarning)
-        by_pattern, by_stiffness, by_shift = pull((slopes.positions, slopes.rest_positions))
+        by_pattern, by_stiffness, by_shift = pull(
+            (slopes.positions, slopes.rest_positions, slopes.pattern)
+        )
     return Unknowns(
-        pattern=jax.tree.map(jnp.add, by_pattern, slopes.pattern),
+        pattern=by_pattern,
         log_stiffness=by_stiffness,
         pin_shift=by_shift,
         colors=slopes.colors,

@@ -55,8 +55,13 @@ def test_weights_are_the_papers():
         "color": 0.1,
         "normal": 0.1,
         "comfort": 0.1,
+        "laplacian": 0.001,
         "area_ratio": 0.01,
+        "small_angle": 0.01,
+        "discretization": 0.001,
+        "boundary_corner": 0.001,
         "seam_length": 0.1,
+        "seam_curvature": 0.1,
     }
     assert FitOptions().weights == PAPER_WEIGHTS
 

@@ -24,16 +24,11 @@ from dress_jax.optimisation import (
 )
 from dress_jax.optimisation.draping import fitted_parameters
 from dress_jax.optimisation.gauss_newton import trial
-from dress_jax.optimisation.gauss_newton.model import (
-    as_vector,
-    from_vector,
-    make_model,
-    make_reference,
-    measure,
-)
+from dress_jax.optimisation.gauss_newton.model import make_model, make_reference, measure
 from dress_jax.optimisation.gauss_newton.normal_equations import Model, damped_step, huber
 from dress_jax.optimisation.gauss_newton.prior import edge_strain_matrix
-from dress_jax.pattern import rest_positions
+from dress_jax.optimisation.gauss_newton.vector import as_vector, felt_directions, from_vector
+from dress_jax.optimisation.problem import rest_shape
 from dress_jax.sim import static_solve
 
 
@@ -71,7 +66,7 @@ def test_recovery(problem, state, truth):
 def _cost(problem, reference, vector, like, positions):
     """Of the drape of some unknowns, draped until it rests."""
     unknowns = from_vector(vector, like)
-    rest = rest_positions(unknowns.pattern, problem.discretization)
+    rest = rest_shape(problem, unknowns.pattern)
     parameters = fitted_parameters(problem, rest, unknowns.log_stiffness, unknowns.pin_shift)
     simulator = dataclasses.replace(problem.simulator)
     newton = dataclasses.replace(problem.simulator.newton, tolerance=1e-11)
@@ -115,6 +110,23 @@ def test_gradient_of_the_model_against_differences(problem, state, group):
     exact = float(model.gradient @ direction)
     assert abs(exact) > 1e-4
     assert (ahead - behind) / (2 * size) == pytest.approx(exact, rel=1e-4)
+
+
+def test_antisymmetric_changes_are_not_felt(problem, state):
+    """The tube's panels mirror themselves, so half of its directions move nothing."""
+    like, symmetry = state.unknowns.pattern, problem.tables.symmetry
+    basis = felt_directions(like, symmetry)
+    free = felt_directions(like, None)
+    assert len(free) == len(as_vector(state.unknowns)) and np.array_equal(free, np.eye(len(free)))
+    assert len(free) / 2 < len(basis) < 0.7 * len(free)
+    np.testing.assert_allclose(basis @ basis.T, np.eye(len(basis)), atol=1e-12)
+    direction = np.cos(np.arange(len(free)))
+    lost = direction - basis.T @ (basis @ direction)
+    assert np.linalg.norm(lost) > 0.3 * np.linalg.norm(direction)
+    ahead = from_vector(as_vector(state.unknowns) + 0.1 * lost, state.unknowns)
+    np.testing.assert_allclose(
+        rest_shape(problem, ahead.pattern), rest_shape(problem, like), atol=1e-6
+    )
 
 
 def test_matrix_of_the_model_is_positive_semidefinite(state):

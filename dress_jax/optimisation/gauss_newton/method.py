@@ -15,9 +15,14 @@ from jaxtyping import Array, Float, Int
 
 from dress_jax.core.pytree import pytree, replace
 from dress_jax.optimisation.draping import Clock, does_not_drape, initial_unknowns, settle
-from dress_jax.optimisation.gauss_newton.model import as_vector, from_vector, step_limits
-from dress_jax.optimisation.gauss_newton.normal_equations import Model, damped_step
+from dress_jax.optimisation.flip_guard import guard_flips
+from dress_jax.optimisation.gauss_newton.normal_equations import (
+    Model,
+    damped_step,
+    promised_decrease,
+)
 from dress_jax.optimisation.gauss_newton.trial import Iterate, try_step
+from dress_jax.optimisation.gauss_newton.vector import as_vector, from_vector, step_limits
 from dress_jax.optimisation.problem import FitProblem
 from dress_jax.optimisation.report import FitInfo
 from dress_jax.optimisation.state import Unknowns
@@ -107,7 +112,11 @@ def step(
     now, best = state.current, float(state.best.cost)
     model = Model(np.asarray(now.gradient), np.asarray(now.matrix))
     change, promised = damped_step(model, damping, step_limits(now.unknowns, options))
-    unknowns = from_vector(as_vector(now.unknowns) + change, now.unknowns)
+    guarded = guard_flips(problem, from_vector(as_vector(now.unknowns) + change, now.unknowns))
+    unknowns = guarded.unknowns
+    if guarded.acted:
+        change = as_vector(unknowns) - as_vector(now.unknowns)
+        promised = promised_decrease(model, change)
     free = excursion < options.longest_excursion
     ceiling = best * options.excursion_height if free else best
     trial = try_step(problem, unknowns, (now, change), ceiling, iteration=iteration, clock=clock)

@@ -6,6 +6,7 @@ pattern, the two stiffnesses and the pins, as one vector; colours stay as they a
 
 import dataclasses
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -18,12 +19,12 @@ from dress_jax.optimisation.draping import fitted_parameters, initial_unknowns
 from dress_jax.optimisation.gauss_newton.normal_equations import (
     Model,
     add,
+    along_rows,
     mean_square_model,
     outline_cost,
     outline_model,
     prior_model,
 )
-from dress_jax.optimisation.gauss_newton.options import GaussNewtonOptions
 from dress_jax.optimisation.gauss_newton.outline import (
     Drawn,
     Rows,
@@ -31,18 +32,22 @@ from dress_jax.optimisation.gauss_newton.outline import (
     outline_rows,
 )
 from dress_jax.optimisation.gauss_newton.prior import Quadratic, edge_strain_matrix
-from dress_jax.optimisation.problem import FitProblem
+from dress_jax.optimisation.gauss_newton.vector import (
+    FACTORS,
+    Vector,
+    as_vector,
+    felt_directions,
+    split,
+)
+from dress_jax.optimisation.problem import FitProblem, rest_shape
 from dress_jax.optimisation.state import Unknowns
 from dress_jax.pattern import Discretization, edge_lengths, pattern_parameters, rest_positions
 from dress_jax.pattern.parameters import EdgeTable, PatternParameters
+from dress_jax.pattern.symmetry import Symmetry, validated
 from dress_jax.render.cameras import Camera, CameraKind
 from dress_jax.render.contours import Contour, find_contour
 from dress_jax.render.mesh import RenderMesh
 from dress_jax.sim.sensitivity import static_sensitivity
-
-Vector = Float[np.ndarray, " k"]
-
-_FACTORS = 2  # stretching and bending
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -52,10 +57,12 @@ class Reference:
     Attributes:
         targets: the masks.
         prior: around the initial pattern.
+        felt: basis of the directions that the drape can feel, (r, k).
     """
 
     targets: list[Target]
     prior: Quadratic
+    felt: Float[np.ndarray, "r k"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -77,48 +84,15 @@ class Measurement:
     seams: Float[np.ndarray, " stitches"]
 
 
-def as_vector(unknowns: Unknowns) -> Vector:
-    """Corners [m], control points [chord lengths], logarithms of stiffness factors, pins [m]."""
-    pattern = unknowns.pattern
-    parts = (pattern.vertices, pattern.controls, unknowns.log_stiffness, unknowns.pin_shift)
-    return np.concatenate([np.asarray(part).ravel() for part in parts])
-
-
-def from_vector(vector: Vector, like: Unknowns) -> Unknowns:
-    """The inverse of `as_vector`; colours are those of `like`."""
-    pattern, log_stiffness, pin_shift = _split(jnp.asarray(vector), like.pattern)
-    return Unknowns(
-        pattern=pattern, log_stiffness=log_stiffness, pin_shift=pin_shift, colors=like.colors
-    )
-
-
-def _split(vector: Array, like: PatternParameters) -> tuple[PatternParameters, Array, Array]:
-    corners = like.vertices.size
-    controls = corners + like.controls.size
-    pattern = PatternParameters(
-        vertices=vector[:corners].reshape(like.vertices.shape),
-        controls=vector[corners:controls].reshape(like.controls.shape),
-    )
-    return pattern, vector[controls : controls + _FACTORS], vector[controls + _FACTORS :]
-
-
-def step_limits(unknowns: Unknowns, options: GaussNewtonOptions) -> Vector:
-    """The largest change of each unknown in one step."""
-    return np.concatenate(
-        [
-            np.full(unknowns.pattern.vertices.size, options.longest_step),
-            np.full(unknowns.pattern.controls.size, options.longest_control_step),
-            np.full(unknowns.log_stiffness.size, options.longest_stiffness_step),
-            np.full(unknowns.pin_shift.size, options.longest_pin_step),
-        ]
-    )
-
-
 def make_reference(problem: FitProblem) -> Reference:
     """The masks on the host, and the prior."""
     observation = problem.observation
     masks, valid = np.asarray(observation.mask), np.asarray(observation.valid) > 0.0
-    return Reference([Target(*pair) for pair in zip(masks, valid, strict=True)], _prior(problem))
+    return Reference(
+        targets=[Target(*pair) for pair in zip(masks, valid, strict=True)],
+        prior=_prior(problem),
+        felt=felt_directions(pattern_parameters(problem.pattern), problem.tables.symmetry),
+    )
 
 
 def _prior(problem: FitProblem) -> Quadratic:
@@ -137,7 +111,7 @@ def _prior(problem: FitProblem) -> Quadratic:
     rest = np.concatenate(
         [
             np.full(controls, 2.0 / (controls * options.control_scale**2)),
-            np.full(_FACTORS, 1.0 / options.stiffness_scale**2),
+            np.full(FACTORS, 1.0 / options.stiffness_scale**2),
             np.full(3, 1.0 / options.pin_scale**2),
         ]
     )
@@ -165,9 +139,7 @@ def measure(
     drawn = [_drawn(contours, view) for view in range(problem.observation.view_count)]
     metres = _metres_per_pixel(cameras, np.mean(np.asarray(positions), axis=0))
     rows = outline_rows(reference.targets, drawn, metres, len(positions))
-    seams = np.asarray(
-        _seam_changes(as_vector(unknowns), unknowns.pattern, tables.edges, *_seam_data(problem))
-    )
+    seams = np.asarray(_seam_changes(as_vector(unknowns), unknowns.pattern, *_seam_data(problem)))
     cost = outline_cost(rows, scale=options.outline_scale, limit=options.robust)
     cost += reference.prior.value(as_vector(unknowns))
     cost += 0.5 * float(np.mean((seams / options.seam_scale) ** 2)) if len(seams) else 0.0
@@ -201,24 +173,26 @@ def make_model(
     Raises:
         LinearSolveError: the drape is no stable equilibrium, so it has no derivative.
     """
-    options, tables = problem.options.gauss_newton, problem.tables
+    options = problem.options.gauss_newton
     at = as_vector(unknowns)
-    seam_data = (unknowns.pattern, tables.edges, *_seam_data(problem))
-    directions = _parameter_directions(at, unknowns.pattern, problem.discretization, parameters)
+    data = (unknowns.pattern, problem.tables.symmetry, problem.discretization, parameters)
+    directions = _parameter_directions(at, reference.felt, *data)
     # A copy, as for the drapes; see `optimisation.trial.try_unknowns`.
     simulator = dataclasses.replace(problem.simulator)
     sensitivity = static_sensitivity(simulator, parameters, np.asarray(positions), directions)
+    felt = outline_model(
+        measurement.rows,
+        sensitivity.reshape(-1, len(reference.felt)),
+        scale=options.outline_scale,
+        limit=options.robust,
+    )
+    seam_jacobian = np.asarray(_seam_jacobian(at, unknowns.pattern, *_seam_data(problem)))
     return add(
-        outline_model(
-            measurement.rows,
-            sensitivity.reshape(-1, len(at)),
-            scale=options.outline_scale,
-            limit=options.robust,
-        ),
+        along_rows(felt, reference.felt),
         prior_model(reference.prior, at),
         mean_square_model(
             measurement.seams / options.seam_scale,
-            np.asarray(_seam_jacobian(at, *seam_data)) / options.seam_scale,
+            seam_jacobian / options.seam_scale,
         ),
     )
 
@@ -240,9 +214,9 @@ def predict_displacement(
     Raises:
         LinearSolveError: the drape is no stable equilibrium.
     """
-    rest = rest_positions(unknowns.pattern, problem.discretization)
+    rest = rest_shape(problem, unknowns.pattern)
     parameters = fitted_parameters(problem, rest, unknowns.log_stiffness, unknowns.pin_shift)
-    data = (unknowns.pattern, problem.discretization, parameters)
+    data = (unknowns.pattern, problem.tables.symmetry, problem.discretization, parameters)
     along = _parameter_change(as_vector(unknowns), change, *data)
     simulator = dataclasses.replace(problem.simulator)
     directions = {name: value[None] for name, value in along.items()}
@@ -282,20 +256,24 @@ def _metres_per_pixel(cameras: Camera, center: Float[np.ndarray, "3"]) -> Float[
     return depth / scale
 
 
-def _seam_data(problem: FitProblem) -> tuple[Int[np.ndarray, "s 2"], Array]:
-    return problem.tables.stitch_edges, problem.tables.seam_ratios
+def _seam_data(
+    problem: FitProblem,
+) -> tuple[Symmetry | None, EdgeTable, Int[np.ndarray, "s 2"], Array]:
+    tables = problem.tables
+    return tables.symmetry, tables.edges, tables.stitch_edges, tables.seam_ratios
 
 
 @jax.jit
 def _seam_changes(
     vector: Array,
     like: PatternParameters,
+    symmetry: Symmetry | None,
     edges: EdgeTable,
     stitch_edges: Int[Array, "s 2"],
     ratios: Float[Array, " s"],
 ) -> Float[Array, " s"]:
     """First side of every seam minus the length that the design gives it [m]."""
-    lengths = edge_lengths(_split(vector, like)[0], edges)
+    lengths = edge_lengths(validated(split(vector, like)[0], symmetry), edges)
     return lengths[stitch_edges[:, 0]] - ratios * lengths[stitch_edges[:, 1]]
 
 
@@ -303,12 +281,9 @@ _seam_jacobian = jax.jit(jax.jacfwd(_seam_changes))
 
 
 @jax.jit
-def _parameter_directions(
-    vector: Array, like: PatternParameters, discretization: Discretization, parameters: Parameters
-) -> dict[str, Array]:
-    """Derivatives of the drape's parameters in every unknown, leading axis: unknowns."""
-    every = jnp.eye(vector.shape[0])
-    return jax.vmap(lambda d: _parameter_change(vector, d, like, discretization, parameters))(every)
+def _parameter_directions(vector: Array, directions: Array, *data: Any) -> dict[str, Array]:
+    """Derivatives of the drape's parameters along several directions, the leading axis."""
+    return jax.vmap(lambda direction: _parameter_change(vector, direction, *data))(directions)
 
 
 @jax.jit
@@ -316,15 +291,16 @@ def _parameter_change(
     vector: Array,
     direction: Array,
     like: PatternParameters,
+    symmetry: Symmetry | None,
     discretization: Discretization,
     parameters: Parameters,
 ) -> dict[str, Array]:
     """Derivative of the drape's parameters along one direction of the unknowns."""
 
     def rest(vector: Array) -> Array:
-        return rest_positions(_split(vector, like)[0], discretization)
+        return rest_positions(validated(split(vector, like)[0], symmetry), discretization)
 
-    _, factors, shift = _split(direction, like)
+    _, factors, shift = split(direction, like)
     return {
         "rest_positions": jax.jvp(rest, (vector,), (direction,))[1],
         **{name: getattr(parameters, name) * factors[0] for name in STRETCHING_LEAVES},

@@ -58,6 +58,11 @@ def mean_square_model(
     return Model(jacobian.T @ residual / count, jacobian.T @ jacobian / count)
 
 
+def along_rows(model: Model, basis: Float[np.ndarray, "r k"]) -> Model:
+    """The model in k unknowns of a model in their coordinates along r basis vectors."""
+    return Model(basis.T @ model.gradient, basis.T @ model.matrix @ basis)
+
+
 def add(*models: Model) -> Model:
     """The sum."""
     return Model(
@@ -84,5 +89,9 @@ def damped_step(
     diagonal = np.maximum(diagonal, _SMALLEST_DIAGONAL * diagonal.max())
     step = -np.linalg.solve(model.matrix + damping * np.diag(diagonal), model.gradient)
     step = step / max(1.0, float(np.max(np.abs(step) / longest)))
-    promised = -float(model.gradient @ step + 0.5 * step @ model.matrix @ step)
-    return step, promised
+    return step, promised_decrease(model, step)
+
+
+def promised_decrease(model: Model, step: Float[np.ndarray, " k"]) -> float:
+    """By how much the model says that a step lowers the cost."""
+    return -float(model.gradient @ step + 0.5 * step @ model.matrix @ step)

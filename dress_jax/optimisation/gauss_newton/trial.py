@@ -26,10 +26,9 @@ from dress_jax.optimisation.gauss_newton.model import (
 )
 from dress_jax.optimisation.gauss_newton.normal_equations import Model
 from dress_jax.optimisation.losses import Garment, assess_value
-from dress_jax.optimisation.problem import FitProblem
+from dress_jax.optimisation.problem import FitProblem, rest_shape, validated_pattern
 from dress_jax.optimisation.report import FitInfo, StepOutcome
 from dress_jax.optimisation.state import Unknowns, finite
-from dress_jax.pattern import rest_positions
 from dress_jax.sim import static_solve
 from dress_jax.sim.sensitivity import predicted_start
 from dress_jax.solver.linear import LinearSolveError
@@ -112,7 +111,7 @@ def try_step(
     """
     if not finite(unknowns):
         return Trial(FitInfo(iteration, StepOutcome.NON_FINITE))
-    rest = rest_positions(unknowns.pattern, problem.discretization)
+    rest = rest_shape(problem, unknowns.pattern)
     if not smallest_relative_area(problem, np.asarray(rest)) >= problem.options.smallest_area:
         return Trial(FitInfo(iteration, StepOutcome.REST_DEGENERATE))
     parameters = fitted_parameters(problem, rest, unknowns.log_stiffness, unknowns.pin_shift)
@@ -189,7 +188,8 @@ def _with_loss(
 ) -> FitInfo:
     """With the paper's loss, which no step looks at: it makes fits of both methods comparable."""
     weights = {name: jnp.asarray(w) for name, w in problem.options.active_weights.items()}
-    garment = Garment(positions, rest, unknowns.pattern, unknowns.colors)
+    pattern = validated_pattern(problem, unknowns.pattern)
+    garment = Garment(positions, rest, pattern, unknowns.colors)
     assessment = jax.block_until_ready(
         assess_value(garment, weights, problem.tables, problem.observation)
     )
