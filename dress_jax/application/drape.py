@@ -164,40 +164,15 @@ def drape_pattern(
     drop_programs_when_many()
     progress("mesh", 0, 1)
     discretization = discretize(pattern, options.edge_length)
-    fabric = options.fabrics(discretization.panel_names)
     rest = np.asarray(rest_positions(pattern_parameters(pattern), discretization))
     progress("mesh", 1, 1)
-    dressed = dress(
-        discretization,
-        rest,
-        wearer.start,
-        wearer.faces,
-        fabric=fabric,
-        settings=options.contact,
-        options=options.dressing,
-        progress=lambda stage, done: fraction(progress, stage, done),
-    )
+    dressed = put_on(discretization, rest, wearer, options, progress=progress)
     panels = FacePanels(discretization.panel_names, np.asarray(discretization.face_panel))
-    if len(wearer.way):
-        dressed = follow_pose(
-            dressed,
-            rest,
-            wearer.start,
-            wearer.faces,
-            wearer.way,
-            fabric=fabric,
-            panels=panels,
-            hold=options.waist_hold,
-            settings=options.contact,
-            options=options.dressing,
-            progress=lambda done: fraction(progress, "pose", done),
-        )
-        fraction(progress, "pose", 1.0)
     simulator, parameters = make_simulation(
         dressed.cloth,
         dressed.positions,
         rest,
-        fabric=fabric,
+        fabric=options.fabrics(discretization.panel_names),
         panels=panels,
         body_vertices=wearer.vertices,
         body_faces=wearer.faces,
@@ -225,14 +200,85 @@ def drape_pattern(
     )
 
 
+def put_on(
+    discretization: Discretization,
+    rest: Float[np.ndarray, "p 2"],
+    wearer: Wearer,
+    options: DrapeOptions,
+    *,
+    progress: Progress = silent,
+) -> DressedGarment:
+    """Dress the body and follow it into its pose; the garment does not hang yet.
+
+    Args:
+        discretization: of the pattern, its panels placed around the body's dressing pose.
+        rest: panel coordinates [m].
+        wearer: the body.
+        options: see `DrapeOptions`.
+        progress: told about every stage.
+
+    Raises:
+        InputError: the garment cannot be put on this body.
+    """
+    fabric = options.fabrics(discretization.panel_names)
+    dressed = dress(
+        discretization,
+        rest,
+        wearer.start,
+        wearer.faces,
+        fabric=fabric,
+        settings=options.contact,
+        options=options.dressing,
+        progress=lambda stage, done: fraction(progress, stage, done),
+    )
+    if not len(wearer.way):
+        return dressed
+    dressed = follow_pose(
+        dressed,
+        rest,
+        wearer.start,
+        wearer.faces,
+        wearer.way,
+        fabric=fabric,
+        panels=FacePanels(discretization.panel_names, np.asarray(discretization.face_panel)),
+        hold=options.waist_hold,
+        settings=options.contact,
+        options=options.dressing,
+        progress=lambda done: fraction(progress, "pose", done),
+    )
+    fraction(progress, "pose", 1.0)
+    return dressed
+
+
 def draped_state(result: DrapeResult) -> DrapedState:
     """What a result folder keeps of a drape."""
-    made = result.discretization
+    return garment_state(
+        result.discretization,
+        np.asarray(result.parameters.rest_positions),
+        result.positions,
+        result.dressed,
+        result.wearer,
+        result.options,
+        source=result.pattern.source,
+    )
+
+
+def garment_state(
+    made: Discretization,
+    rest: Float[np.ndarray, "p 2"],
+    positions: Float[np.ndarray, "n 3"],
+    dressed: DressedGarment,
+    wearer: Wearer,
+    options: DrapeOptions,
+    *,
+    source: str,
+) -> DrapedState:
+    """A garment on its wearer with everything that it was made with; `source` is the pattern's."""
     return DrapedState(
         garment=GarmentMesh(
-            vertices=result.positions,
+            vertices=positions,
             faces=np.asarray(made.faces),
-            rest_positions=np.asarray(result.parameters.rest_positions),
+            rest_positions=rest,
             rest_faces=np.asarray(made.rest_faces),
             panels=made.panel_names,
             face_panels=np.asarray(made.face_panel),
@@ -240,20 +286,20 @@ def draped_state(result: DrapeResult) -> DrapedState:
         weld_map=np.asarray(made.weld_map),
         seam_vertices=np.asarray(made.seam_vertices),
         seam_offset=np.asarray(made.seam_offset),
-        pins=np.asarray(result.dressed.cloth.pins),
-        pin_targets=np.asarray(result.dressed.pin_targets),
-        body_vertices=result.wearer.vertices,
-        body_faces=result.wearer.faces,
+        pins=np.asarray(dressed.cloth.pins),
+        pin_targets=np.asarray(dressed.pin_targets),
+        body_vertices=wearer.vertices,
+        body_faces=wearer.faces,
         settings={
-            **result.wearer.settings,
-            "edge_length": result.options.edge_length,
-            "fabric": result.options.fabric,
-            "panel_fabrics": [list(pair) for pair in result.options.panel_fabrics],
-            "membrane": result.options.dressing.membrane.value,
-            "waist_hold": result.options.waist_hold.value,
-            "strain_limit": result.options.strain_limit,
-            "friction": result.options.friction,
-            "pattern": result.pattern.source,
+            **wearer.settings,
+            "edge_length": options.edge_length,
+            "fabric": options.fabric,
+            "panel_fabrics": [list(pair) for pair in options.panel_fabrics],
+            "membrane": options.dressing.membrane.value,
+            "waist_hold": options.waist_hold.value,
+            "strain_limit": options.strain_limit,
+            "friction": options.friction,
+            "pattern": source,
         },
     )
 

@@ -30,8 +30,8 @@ def save_fit(folder: str | Path, result: FitResult, report: Mapping[str, Any]) -
     folder = Path(folder)
     write_loss_figure(
         folder / "loss.png",
-        [record["loss"] for record in result.history],
-        [record["iou"] for record in result.history],
+        [record["loss"] for record in result.course.history],
+        [record["iou"] for record in result.course.history],
     )
     rows, columns = comparison(result)
     write_comparison(folder / "comparison.png", rows, columns)
@@ -58,11 +58,11 @@ def comparison(result: FitResult) -> tuple[dict[str, list[np.ndarray]], list[str
         target = _pictures(cameras, views.truth.vertices, views.truth.faces, result.start)
     else:
         target = [_target_picture(result, int(i)) for i in chosen]
-    faces = result.state.garment.faces
+    first, last = np.asarray(result.first.discretization.faces), result.state.garment.faces
     rows = {
         "target": target,
-        "start": _pictures(cameras, np.asarray(result.begin.positions), faces, result.start),
-        "result": _pictures(cameras, result.state.garment.vertices, faces, result.start),
+        "start": _pictures(cameras, np.asarray(result.begin.positions), first, result.start),
+        "result": _pictures(cameras, result.state.garment.vertices, last, result.start),
     }
     return rows, [f"{views.azimuths[i]}°" for i in chosen]
 

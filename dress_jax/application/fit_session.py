@@ -1,9 +1,10 @@
 """A fit that can be stopped and resumed: what is kept on disk, and whether it still belongs (S9).
 
     start.h5        the initial drape: mesh, pins, body
+    mesh_1.h5 ...   the garment as it was put on again with a new mesh (S13), if it was
     checkpoint.h5   state of the fit after some iteration, and its history
 
-Both are exact, and nothing else of a run enters the next iteration, so a resumed fit repeats an
+All are exact, and nothing else of a run enters the next iteration, so a resumed fit repeats an
 uninterrupted one bit by bit on the same machine.
 """
 
@@ -15,19 +16,37 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from dress_jax.application.targets import TargetViews
 from dress_jax.application.wearer import Wearer
 from dress_jax.core.errors import InputError
-from dress_jax.io.checkpoints import load_checkpoint, save_checkpoint
+from dress_jax.io.checkpoints import checkpoint_metadata, load_checkpoint, save_checkpoint
 from dress_jax.io.results import DrapedState, read_state, write_state
 from dress_jax.optimisation import AnyState, FitInfo, FitProblem, blank_state
-from dress_jax.pattern import Pattern
+from dress_jax.pattern import Pattern, PatternParameters
 
-START, CHECKPOINT = "start.h5", "checkpoint.h5"
+START, CHECKPOINT, MESH = "start.h5", "checkpoint.h5", "mesh_{}.h5"
 
 History = list[dict[str, Any]]
+
+
+@dataclasses.dataclass(frozen=True)
+class Course:
+    """What happened in a fit, as plain values.
+
+    Attributes:
+        history: one record per iteration.
+        remeshed: one record per attempt at a new mesh.
+        mesh: number of the mesh in use; 0 is the first.
+        borne: distortion up to which no new mesh is asked for; None for the option's.
+    """
+
+    history: History = dataclasses.field(default_factory=list)
+    remeshed: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    mesh: int = 0
+    borne: float | None = None
 
 
 def fingerprint(*parts: Any) -> str:
@@ -88,25 +107,74 @@ def load_start(folder: Path, identity: dict[str, str]) -> DrapedState:
     return _with_settings(state, settings)
 
 
-def save_progress(folder: Path, begin: AnyState, state: AnyState, history: History) -> None:
-    """Write a checkpoint: the first state (to compare with), the current one, and the history."""
-    save_checkpoint(
-        folder / CHECKPOINT, {"begin": begin, "state": state}, metadata={"history": history}
+def save_mesh(folder: Path, number: int, state: DrapedState, meshed: PatternParameters) -> None:
+    """Write the garment of a new mesh, and the pattern that was meshed.
+
+    Args:
+        folder: of the fit.
+        number: of the mesh, from 1.
+        state: the garment as it was put on.
+        meshed: parameters of the pattern.
+    """
+    values = {"vertices": meshed.vertices, "controls": meshed.controls}
+    settings = {name: np.asarray(array).tolist() for name, array in values.items()}
+    write_state(
+        folder / MESH.format(number), _with_settings(state, {**state.settings, "meshed": settings})
     )
 
 
-def load_progress(folder: Path, problem: FitProblem) -> tuple[AnyState, AnyState, History] | None:
-    """First state, current state and history, or None where no iteration was finished.
+def load_mesh(folder: Path, number: int) -> tuple[DrapedState, PatternParameters]:
+    """The inverse of `save_mesh`.
 
     Raises:
-        InputError: the checkpoint is damaged or does not fit the problem.
+        InputError: the file is missing or damaged.
+    """
+    path = folder / MESH.format(number)
+    state = read_state(path)
+    meshed = state.settings.get("meshed")
+    if meshed is None:
+        raise InputError("does not say what was meshed", where=str(path), mend="start again")
+    settings = {key: value for key, value in state.settings.items() if key != "meshed"}
+    parameters = PatternParameters(
+        vertices=jnp.asarray(meshed["vertices"]), controls=jnp.asarray(meshed["controls"])
+    )
+    return _with_settings(state, settings), parameters
+
+
+def save_progress(folder: Path, begin: AnyState, state: AnyState, course: Course) -> None:
+    """Write a checkpoint: the first state (to compare with), the current one, and the course."""
+    save_checkpoint(
+        folder / CHECKPOINT,
+        {"begin": begin, "state": state},
+        metadata=dataclasses.asdict(course),
+    )
+
+
+def load_course(folder: Path) -> Course | None:
+    """What happened until the checkpoint; None where there is none.
+
+    Raises:
+        InputError: the checkpoint is damaged.
     """
     path = folder / CHECKPOINT
-    if not path.is_file():
-        return None
-    like = blank_state(problem)
-    tree, metadata = load_checkpoint(path, {"begin": like, "state": like})
-    return tree["begin"], tree["state"], list(metadata["history"])
+    return Course(**checkpoint_metadata(path)) if path.is_file() else None
+
+
+def load_progress(
+    folder: Path, first: FitProblem, current: FitProblem
+) -> tuple[AnyState, AnyState]:
+    """First and current state of a checkpoint.
+
+    Args:
+        folder: of the fit.
+        first, current: the problems on the first and on the checkpoint's mesh.
+
+    Raises:
+        InputError: the checkpoint is damaged or does not fit the problems.
+    """
+    like = {"begin": blank_state(first), "state": blank_state(current)}
+    tree, _ = load_checkpoint(folder / CHECKPOINT, like)
+    return tree["begin"], tree["state"]
 
 
 def as_record(info: FitInfo, state: AnyState) -> dict[str, Any]:

@@ -60,8 +60,9 @@ def fit(
     ] = None,
 ) -> ExitCode:
     """Fit a pattern to target views. Ctrl-C stops with a checkpoint; --resume goes on exactly."""
-    from dress_jax.application.fit import FitInterrupted, fit_pattern, fit_report, scheduled
+    from dress_jax.application.fit import fit_pattern, fit_report, scheduled
     from dress_jax.application.fit_files import save_fit
+    from dress_jax.application.fit_run import FitInterrupted
     from dress_jax.application.targets import read_targets
     from dress_jax.application.wearer import find_wearer
     from dress_jax.io.patterns import load_pattern

@@ -46,6 +46,15 @@ def save_checkpoint(
             dataset.attrs["path"] = name
 
 
+def checkpoint_metadata(path: str | Path) -> dict[str, Any]:
+    """A checkpoint's metadata alone, which may say what its tree looks like.
+
+    Raises:
+        InputError: the file is missing, damaged or no checkpoint.
+    """
+    return _read(Path(path))[1]
+
+
 def load_checkpoint(path: str | Path, like: T) -> tuple[T, dict[str, Any]]:
     """Read a checkpoint into the structure of `like`.
 
@@ -62,6 +71,19 @@ def load_checkpoint(path: str | Path, like: T) -> tuple[T, dict[str, Any]]:
             the first leaf that does.
     """
     path = Path(path)
+    stored, metadata = _read(path)
+    expected, structure = jax.tree_util.tree_flatten_with_path(like)
+    names = [jax.tree_util.keystr(key) for key, _ in expected]
+    _check(path, stored, names, [leaf for _, leaf in expected])
+    leaves = [
+        jnp.asarray(array) if isinstance(leaf, jax.Array) else _as(leaf, array)
+        for (_, array), (_, leaf) in zip(stored, expected, strict=True)
+    ]
+    return jax.tree_util.tree_unflatten(structure, leaves), metadata
+
+
+def _read(path: Path) -> tuple[list[tuple[str, Any]], dict[str, Any]]:
+    """Leaves with their places in the tree, and the metadata."""
     if not path.is_file():
         raise InputError("there is no such checkpoint", where=str(path), mend="check the path")
     try:
@@ -79,14 +101,7 @@ def load_checkpoint(path: str | Path, like: T) -> tuple[T, dict[str, Any]]:
             where=str(path),
             mend="start without it",
         )
-    expected, structure = jax.tree_util.tree_flatten_with_path(like)
-    names = [jax.tree_util.keystr(key) for key, _ in expected]
-    _check(path, stored, names, [leaf for _, leaf in expected])
-    leaves = [
-        jnp.asarray(array) if isinstance(leaf, jax.Array) else _as(leaf, array)
-        for (_, array), (_, leaf) in zip(stored, expected, strict=True)
-    ]
-    return jax.tree_util.tree_unflatten(structure, leaves), metadata
+    return stored, metadata
 
 
 def _as(leaf: Any, array: Any) -> Any:

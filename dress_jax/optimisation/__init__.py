@@ -7,6 +7,7 @@ from dress_jax.optimisation.gauss_newton.method import GaussNewtonState as Gauss
 from dress_jax.optimisation.gauss_newton.options import GaussNewtonOptions as GaussNewtonOptions
 from dress_jax.optimisation.loop import AnyState as AnyState
 from dress_jax.optimisation.loop import blank_state as blank_state
+from dress_jax.optimisation.loop import carry_over as carry_over
 from dress_jax.optimisation.loop import finished as finished
 from dress_jax.optimisation.loop import fit as fit
 from dress_jax.optimisation.loop import init as init
@@ -21,6 +22,9 @@ from dress_jax.optimisation.options import LearningRates as LearningRates
 from dress_jax.optimisation.problem import FitProblem as FitProblem
 from dress_jax.optimisation.problem import fitted_pattern as fitted_pattern
 from dress_jax.optimisation.problem import make_problem as make_problem
+from dress_jax.optimisation.remeshing import distortion as distortion
+from dress_jax.optimisation.remeshing import needs_remeshing as needs_remeshing
+from dress_jax.optimisation.remeshing import pulled_back as pulled_back
 from dress_jax.optimisation.report import FitInfo as FitInfo
 from dress_jax.optimisation.report import StepOutcome as StepOutcome
 from dress_jax.optimisation.state import FitState as FitState

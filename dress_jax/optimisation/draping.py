@@ -11,7 +11,7 @@ from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
 from dress_jax.core.results import Result
 from dress_jax.energy.cloth import STRETCHING_LEAVES, Parameters
-from dress_jax.optimisation.problem import FitProblem, validated_pattern
+from dress_jax.optimisation.problem import FitProblem, rest_shape, validated_pattern
 from dress_jax.optimisation.report import FitInfo, StepOutcome
 from dress_jax.optimisation.state import Unknowns
 from dress_jax.pattern import pattern_parameters, rest_positions
@@ -27,19 +27,21 @@ def initial_unknowns(problem: FitProblem) -> Unknowns:
     """Where a fit begins."""
     return Unknowns(
         pattern=pattern_parameters(problem.pattern),
-        log_stiffness=jnp.zeros(2),
+        log_stiffness=jnp.log(jnp.asarray(problem.options.initial_stiffness, float)),
         pin_shift=jnp.zeros(3),
         colors=jnp.asarray(problem.colors),
     )
 
 
-def settle(problem: FitProblem, positions: Float[np.ndarray, "n 3"]) -> Array:
-    """The initial pattern, draped for the first second [m].
+def settle(problem: FitProblem, unknowns: Unknowns, positions: Float[np.ndarray, "n 3"]) -> Array:
+    """The garment of some unknowns, draped for the first second [m].
 
     The step of 1 s damps a long way to the equilibrium; the next drape starts close to it.
     """
     simulator = dataclasses.replace(problem.simulator)
-    return static_solve(simulator, problem.parameters, jnp.asarray(positions, float)).positions
+    rest = rest_shape(problem, unknowns.pattern)
+    parameters = fitted_parameters(problem, rest, unknowns.log_stiffness, unknowns.pin_shift)
+    return static_solve(simulator, parameters, jnp.asarray(positions, float)).positions
 
 
 def does_not_drape(problem: FitProblem, info: FitInfo) -> InputError:

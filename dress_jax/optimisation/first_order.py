@@ -16,6 +16,7 @@ from dress_jax.optimisation.draping import Clock, does_not_drape, initial_unknow
 from dress_jax.optimisation.flip_guard import guard_flips
 from dress_jax.optimisation.optimizer import corner_links, init_optimizer, propose, rates
 from dress_jax.optimisation.problem import FitProblem, corner_panels
+from dress_jax.optimisation.remeshing import at_new_vertices, transfer_weights
 from dress_jax.optimisation.report import FitInfo
 from dress_jax.optimisation.state import FitState
 from dress_jax.optimisation.trial import try_unknowns
@@ -36,7 +37,7 @@ def init(
         InputError: the initial pattern does not drape.
     """
     unknowns = initial_unknowns(problem)
-    settled = settle(problem, positions)
+    settled = settle(problem, unknowns, positions)
     trial = try_unknowns(problem, unknowns, settled, iteration=0, clock=clock)
     if trial.gradient is None or trial.positions is None:
         raise does_not_drape(problem, trial.info)
@@ -97,6 +98,36 @@ def step(
         ),
         info,
     )
+
+
+def carry_over(
+    old: FitProblem,
+    state: FitState,
+    new: FitProblem,
+    positions: Float[np.ndarray, "n 3"],
+    *,
+    clock: Clock | None = None,
+) -> tuple[FitState | None, FitInfo]:
+    """The state on another mesh: see `loop.carry_over`."""
+    weights = transfer_weights(old, new, state.unknowns.pattern)
+    unknowns = replace(state.unknowns, colors=at_new_vertices(state.unknowns.colors, weights))
+    iteration = int(state.iteration)
+    settled = settle(new, unknowns, positions)
+    trial = try_unknowns(new, unknowns, settled, iteration=iteration, clock=clock)
+    if trial.gradient is None or trial.positions is None:
+        return None, trial.info
+    moved = FitState(
+        unknowns=unknowns,
+        gradient=trial.gradient,
+        positions=trial.positions,
+        optimizer={
+            **state.optimizer,
+            "colors": at_new_vertices(state.optimizer["colors"], weights),
+        },
+        iteration=state.iteration,
+        rate_scale=state.rate_scale,
+    )
+    return moved, trial.info
 
 
 def finished(problem: FitProblem, state: FitState) -> bool:

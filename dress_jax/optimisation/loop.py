@@ -26,14 +26,23 @@ class _Method(NamedTuple):
     step: Callable[..., tuple[Any, FitInfo]]
     finished: Callable[[FitProblem, Any], bool]
     blank: Callable[[FitProblem], Any]
+    carry_over: Callable[..., tuple[Any, FitInfo]]
 
 
 _METHODS = {
     FitMethod.ADAM: _Method(
-        first_order.init, first_order.step, first_order.finished, first_order.blank
+        first_order.init,
+        first_order.step,
+        first_order.finished,
+        first_order.blank,
+        first_order.carry_over,
     ),
     FitMethod.GAUSS_NEWTON: _Method(
-        gauss_newton.init, gauss_newton.step, gauss_newton.finished, gauss_newton.blank
+        gauss_newton.init,
+        gauss_newton.step,
+        gauss_newton.finished,
+        gauss_newton.blank,
+        gauss_newton.carry_over,
     ),
 }
 
@@ -76,6 +85,32 @@ def finished(problem: FitProblem, state: Any) -> bool:
 def blank_state(problem: FitProblem) -> Any:
     """A state of the right structure; only its shapes mean something."""
     return _METHODS[problem.options.method].blank(problem)
+
+
+def carry_over(
+    old: FitProblem,
+    state: Any,
+    new: FitProblem,
+    positions: Float[np.ndarray, "n 3"],
+    *,
+    clock: Clock | None = None,
+) -> tuple[Any, FitInfo]:
+    """Go on with another mesh of the same pattern (S13.5 to S13.8).
+
+    The garment relaxes from its new start to the fitted rest shape; colours, and the optimiser's
+    moments of them, are looked up in the old mesh.
+
+    Args:
+        old: problem of the state.
+        state: to go on from; of Gauss-Newton, its best.
+        new: the problem with the new mesh.
+        positions: an intersection-free state of the new mesh [m].
+        clock: see `step`.
+
+    Returns:
+        The state of the new problem, or None where the drape there cannot be used; and how it went.
+    """
+    return _METHODS[old.options.method].carry_over(old, state, new, positions, clock=clock)
 
 
 def fit(

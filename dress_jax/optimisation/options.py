@@ -78,6 +78,7 @@ class FitOptions:
         weights: weight of every term by name; a term that is absent or zero is not computed.
         symmetrize: whether panels that mirror each other, or themselves, in the initial pattern do
             so in every pattern that is draped and compared (S4); see `pattern.symmetry`.
+        initial_stiffness: factors on the stretching and the bending stiffness to begin with.
         views_per_iteration: how many views one iteration looks at; None for all. A subset moves
             on through a fixed permutation of the views, so that every view has its turn.
         seed: of that permutation.
@@ -92,6 +93,8 @@ class FitOptions:
             negative areas are flipped triangles (S12.4).
         guarded_area: proposals with a relative area below this one are first moved to the nearest
             pattern without any (`flip_guard`, S12); 0 leaves them as they are.
+        remesh_distortion: a fit that can remesh does so when a length in some triangle has changed
+            by more than this factor since it was meshed (`remeshing`, S13.1).
         shrink, grow: factors on the learning rates after a rejected and an accepted step.
         smallest_scale: the fit ends when rejections have shrunk the rates below this share.
     """
@@ -104,6 +107,7 @@ class FitOptions:
     final_rate: float = 0.1
     weights: Mapping[str, float] = dataclasses.field(default_factory=lambda: PAPER_WEIGHTS)
     symmetrize: bool = True
+    initial_stiffness: tuple[float, float] = (1.0, 1.0)
     views_per_iteration: int | None = None
     seed: int = 0
     momentum: float = 0.8
@@ -114,6 +118,7 @@ class FitOptions:
     polish: int = 2
     smallest_area: float = 0.1
     guarded_area: float = 0.2
+    remesh_distortion: float = 2.0
     shrink: float = 0.5
     grow: float = 1.5
     smallest_scale: float = 1e-3
@@ -140,8 +145,14 @@ class FitOptions:
             _require(0.0 < getattr(self, name) <= 1.0, name, getattr(self, name), "in (0, 1]")
         for name in ("momentum", "memory", "smallest_area", "guarded_area"):
             _require(0.0 <= getattr(self, name) < 1.0, name, getattr(self, name), "in [0, 1)")
+        for factor in self.initial_stiffness:
+            valid = math.isfinite(factor) and factor > 0.0
+            _require(valid, "initial_stiffness", self.initial_stiffness, "positive")
         _require(0.0 <= self.sharing <= 1.0, "sharing", self.sharing, "in [0, 1]")
         _require(self.shrink < 1.0, "shrink", self.shrink, "below 1")
+        _require(
+            self.remesh_distortion > 1.0, "remesh_distortion", self.remesh_distortion, "above 1"
+        )
         _require(self.grow >= 1.0, "grow", self.grow, "at least 1")
         _require(self.clip > 0.0, "clip", self.clip, "positive")
         remaining = self.largest_remaining_step

@@ -3,11 +3,17 @@
 import json
 import shutil
 
+import jax
 import numpy as np
 import pytest
 
-from dress_jax.application import fit as fit_module
+from dress_jax.application import fit_run
+from dress_jax.application.drape import DrapeOptions
+from dress_jax.application.fit import fit_pattern, scheduled
+from dress_jax.application.fit_run import FitInterrupted
 from dress_jax.application.fit_session import fingerprint
+from dress_jax.application.targets import read_targets
+from dress_jax.application.wearer import find_wearer
 from dress_jax.io.patterns import load_pattern, save_pattern
 from dress_jax.pattern.scaling import scaled
 
@@ -71,7 +77,7 @@ def test_an_interrupted_fit_resumes_exactly(fitted, run, monkeypatch):
     out = root / "stopped"
     out.mkdir()
     shutil.copy(root / "whole" / "start.h5", out)
-    whole = fit_module.fit
+    whole = fit_run.fit
 
     def stopping(problem, state, *, on_iteration, clock):
         def after(state, info):
@@ -81,12 +87,12 @@ def test_an_interrupted_fit_resumes_exactly(fitted, run, monkeypatch):
 
         return whole(problem, state, on_iteration=after, clock=clock)
 
-    monkeypatch.setattr(fit_module, "fit", stopping)
+    monkeypatch.setattr(fit_run, "fit", stopping)
     stopped = run(*command, "--resume", "--out", out)
     assert stopped.exit_code == 130
     assert "--resume" in stopped.stderr
     assert not (out / "report.json").exists()
-    monkeypatch.setattr(fit_module, "fit", whole)
+    monkeypatch.setattr(fit_run, "fit", whole)
 
     other = run(*command, "--fabric", "denim", "--resume", "--out", out)
     assert other.exit_code == 2
@@ -97,3 +103,55 @@ def test_an_interrupted_fit_resumes_exactly(fitted, run, monkeypatch):
     resumed = json.loads((out / "report.json").read_text())
     for key in ("loss", "iou", "chamfer_cm", "edge_length_error"):
         assert resumed[key] == expected[key], key
+
+
+@pytest.mark.slow
+def test_a_fit_remeshes_and_resumes_exactly(fitted, inputs, tmp_path):
+    """With a threshold that the first mesh soon reaches: the fit goes on with another (S13)."""
+    root, _ = fitted
+    views = read_targets(root / "targets")
+    wearer = find_wearer(inputs / "body.obj")
+
+    def run(folder, **options):
+        folder.mkdir(exist_ok=True)
+        return fit_pattern(
+            load_pattern(root / "start.json"),
+            wearer,
+            views,
+            folder,
+            drape_options=DrapeOptions(edge_length=EDGE_LENGTH),
+            fit_options=scheduled(ITERATIONS + 2, remesh_distortion=1.05),
+            truth=load_pattern(inputs / "skirt.json"),
+            **options,
+        )
+
+    whole = run(tmp_path / "whole")
+    (record, *_) = whole.course.remeshed
+    assert record["outcome"] == "accepted" and record["distortion"] > 1.05
+    assert whole.course.mesh == len(whole.course.remeshed)
+    before = whole.course.history[record["iteration"] - 1]
+    assert record["loss"] == pytest.approx(before["loss"], rel=0.15)  # S13.8
+    assert whole.good and whole.after.iou > whole.before.iou
+    assert whole.after.median_length_error < whole.before.median_length_error
+
+    # Stop in the first iteration on the second mesh.
+    stopped = tmp_path / "stopped"
+    stopped.mkdir()
+    shutil.copy(tmp_path / "whole" / "start.h5", stopped)
+    wanted = record["iteration"] + 1
+
+    def interrupting(stage, done, total, **_):
+        if stage == "fit" and done == wanted:
+            raise KeyboardInterrupt
+
+    with pytest.raises(FitInterrupted):
+        run(stopped, resume=True, progress=interrupting)
+    assert (stopped / "mesh_1.h5").is_file()
+    resumed = run(stopped, resume=True)
+    assert _same(resumed.end.unknowns, whole.end.unknowns)
+    assert np.array_equal(resumed.end.positions, whole.end.positions)
+
+
+def _same(a, b):
+    pairs = zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
+    return all(np.array_equal(x, y) for x, y in pairs)

@@ -60,20 +60,18 @@ def tube_pattern(*, girth=0.80, length=HEIGHT, flare=1.05):
     return Pattern(panels=panels, stitches=stitches, source="tube")
 
 
-def rolled(discretization):
+def rolled(discretization, rest):
     """The panels bent to a cylinder around the y axis, welded."""
-    rest = np.asarray(discretization.meshed_positions)
     names = discretization.panel_names
     panel = np.asarray(discretization.panel_of_vertex)
     half = np.array([np.abs(rest[panel == k, 0]).max() for k in range(2)])
     # Rows of a flared panel are narrower above: side seams meet at a quarter turn at every height.
-    low, high = rest[:, 1].min(), rest[:, 1].max()
+    high = rest[:, 1].max()
     top = np.array([rest[(panel == k) & (rest[:, 1] > high - 1e-9), 0].max() for k in range(2)])
     part = np.clip((rest[:, 1] + HEIGHT) / HEIGHT, 0.0, 1.0)
     width = half[panel] + (top - half)[panel] * part
     turn = np.where(panel == names.index("front"), 0.0, np.pi)
     angle = turn + 0.5 * np.pi * np.clip(rest[:, 0] / width, -1.0, 1.0)
-    del low
     world = np.stack([RADIUS * np.sin(angle), rest[:, 1], RADIUS * np.cos(angle)], axis=1)
     welded = np.zeros((discretization.vertex_count, 3))
     welded[np.asarray(discretization.weld_map)] = world
@@ -86,11 +84,12 @@ def ball():
     return np.asarray(mesh.vertices) + np.array([0.0, -0.15, 0.0]), np.asarray(mesh.faces)
 
 
-def hang(pattern, *, tolerance=1e-7):
+def hang(pattern, discretization=None, *, tolerance=1e-7):
     """Discretize and put on: discretization, simulator, parameters, start positions."""
-    discretization = discretize(pattern, EDGE_LENGTH)
-    start = rolled(discretization)
+    if discretization is None:
+        discretization = discretize(pattern, EDGE_LENGTH)
     rest = rest_positions(pattern_parameters(pattern), discretization)
+    start = rolled(discretization, np.asarray(rest))
     body, faces = ball()
     pins = np.nonzero(start[:, 1] > -1e-9)[0]
     cloth = make_cloth(

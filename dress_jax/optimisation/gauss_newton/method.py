@@ -24,6 +24,7 @@ from dress_jax.optimisation.gauss_newton.normal_equations import (
 from dress_jax.optimisation.gauss_newton.trial import Iterate, try_step
 from dress_jax.optimisation.gauss_newton.vector import as_vector, from_vector, step_limits
 from dress_jax.optimisation.problem import FitProblem
+from dress_jax.optimisation.remeshing import at_new_vertices, transfer_weights
 from dress_jax.optimisation.report import FitInfo
 from dress_jax.optimisation.state import Unknowns
 
@@ -77,7 +78,7 @@ def init(
         InputError: the initial pattern does not drape.
     """
     unknowns = initial_unknowns(problem)
-    settled = settle(problem, positions)
+    settled = settle(problem, unknowns, positions)
     trial = try_step(problem, unknowns, settled, np.inf, iteration=0, clock=clock)
     begin = trial.reached
     if begin is None:
@@ -139,6 +140,30 @@ def step(
     idle = int(state.idle) + 1 if best - info.cost < options.idle_decrease * best else 0
     state = replace(state, best=reached, excursion=jnp.asarray(0), idle=jnp.asarray(idle))
     return state, info
+
+
+def carry_over(
+    old: FitProblem,
+    state: GaussNewtonState,
+    new: FitProblem,
+    positions: Float[np.ndarray, "n 3"],
+    *,
+    clock: Clock | None = None,
+) -> tuple[GaussNewtonState | None, FitInfo]:
+    """The best state on another mesh: see `loop.carry_over`."""
+    weights = transfer_weights(old, new, state.unknowns.pattern)
+    unknowns = replace(state.unknowns, colors=at_new_vertices(state.unknowns.colors, weights))
+    iteration = int(state.iteration)
+    settled = settle(new, unknowns, positions)
+    trial = try_step(new, unknowns, settled, np.inf, iteration=iteration, clock=clock)
+    reached = trial.reached
+    if reached is None:
+        return None, trial.info
+    nothing = jnp.asarray(0)
+    return (
+        replace(state, best=reached, current=reached, excursion=nothing, idle=nothing),
+        trial.info,
+    )
 
 
 def finished(problem: FitProblem, state: GaussNewtonState) -> bool:

@@ -1,0 +1,95 @@
+"""Which patterns, bodies, starts and observations: the cases of the recovery benchmark."""
+
+import dataclasses
+import itertools
+from collections.abc import Iterator, Mapping
+
+PATTERNS = (
+    "tshirt",
+    "fitted_shirt_long",
+    "tank_top",
+    "strapless_top",
+    "circle_skirt",
+    "godet_skirt",
+    "flare_skirt_manypanel",
+    "pants_long",
+    "pants_cuffed",
+    "jumpsuit",
+    "dress_sleeves",
+    "skirt2_ruffle",
+)
+"""Of GarmentCode, without `_specification.json`."""
+
+BODIES: Mapping[str, Mapping[str, str]] = {
+    "drafted": {"body": "mean_all.obj"},
+    "default": {
+        "body": "default",
+        "pose": "a",
+        "shape": "height=1.7199,bust=0.9984,waist=0.8433,hips=1.0348",
+    },
+}
+"""The body for which the patterns were drafted, and the default one with its measurements."""
+
+STARTS: Mapping[str, tuple[float, float]] = {
+    "10%": (1.10, 0.90),
+    "25%": (1.25, 0.75),
+    "long": (1.00, 1.50),
+}
+"""Factors on widths and lengths of every panel: wider and shorter, or half as long again."""
+
+STIFFNESS = (1.5, 0.5)
+"""Factors on stretching and bending with which a fit begins; the truth is 1."""
+
+
+@dataclasses.dataclass(frozen=True)
+class View:
+    """What a fit may see.
+
+    Attributes:
+        views: number of cameras.
+        erosion: of the masks [px].
+        normal_noise: standard deviation of the normals' tilt [degrees].
+    """
+
+    views: int = 20
+    erosion: int = 0
+    normal_noise: float = 0.0
+
+
+VIEWS: Mapping[str, View] = {
+    "clean": View(),
+    "eroded": View(erosion=3),
+    "noisy": View(normal_noise=10.0),
+    "few": View(views=8),
+}
+"""The clean observation, and three degraded ones."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """One recovery.
+
+    Attributes:
+        pattern, body, start, view: keys of the tables above.
+    """
+
+    pattern: str
+    body: str
+    start: str
+    view: str
+
+    @property
+    def name(self) -> str:
+        """For files and tables."""
+        return f"{self.pattern}@{self.body}-{self.start.rstrip('%')}-{self.view}"
+
+
+def cases(
+    patterns: tuple[str, ...],
+    bodies: tuple[str, ...],
+    starts: tuple[str, ...],
+    views: tuple[str, ...],
+) -> Iterator[Case]:
+    """All combinations, the clean ones of every pattern first."""
+    for view, start, body, pattern in itertools.product(views, starts, bodies, patterns):
+        yield Case(pattern, body, start, view)

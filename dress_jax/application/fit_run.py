@@ -1,0 +1,253 @@
+"""Iterations of a fit, with checkpoints and new meshes on the way (S9, S13)."""
+
+import dataclasses
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from dress_jax.application.drape import DrapeOptions, garment_state, put_on
+from dress_jax.application.fit_problem import fit_problem
+from dress_jax.application.fit_session import (
+    Course,
+    as_record,
+    load_course,
+    load_mesh,
+    load_progress,
+    save_mesh,
+    save_progress,
+)
+from dress_jax.application.progress import Progress
+from dress_jax.application.targets import TargetViews
+from dress_jax.application.wearer import Wearer
+from dress_jax.core.errors import InputError
+from dress_jax.io.results import DrapedState
+from dress_jax.optimisation import (
+    AnyState,
+    FitInfo,
+    FitOptions,
+    FitProblem,
+    carry_over,
+    distortion,
+    finished,
+    fit,
+    init,
+    pulled_back,
+)
+from dress_jax.optimisation.problem import validated_pattern
+from dress_jax.pattern import (
+    Discretization,
+    Pattern,
+    PatternParameters,
+    discretize,
+    with_parameters,
+)
+
+CHECKPOINT_EVERY = 5
+_PATIENCE = 1.5  # factor on the distortion that is borne after a new mesh could not be put on
+
+
+class FitInterrupted(Exception):
+    """The user stopped a fit; its checkpoint is written.
+
+    Args:
+        iteration: iterations that the checkpoint holds.
+    """
+
+    def __init__(self, iteration: int):
+        super().__init__(f"stopped after iteration {iteration}")
+        self.iteration = iteration
+
+
+@dataclasses.dataclass(frozen=True)
+class FitInputs:
+    """Everything that a fit depends on.
+
+    Attributes:
+        pattern: where it begins.
+        wearer: the body.
+        views: what is fitted to.
+        drape_options, fit_options: settings.
+    """
+
+    pattern: Pattern
+    wearer: Wearer
+    views: TargetViews
+    drape_options: DrapeOptions
+    fit_options: FitOptions
+
+    def mesh(self, parameters: PatternParameters) -> Discretization:
+        """A mesh of the pattern with other parameters."""
+        pattern = with_parameters(self.pattern, parameters)
+        return discretize(pattern, self.drape_options.edge_length)
+
+    def put_on(
+        self, discretization: Discretization, problem: FitProblem, progress: Progress
+    ) -> DrapedState:
+        """The initial pattern, put on with another mesh (S13.4)."""
+        rest = pulled_back(problem, discretization)
+        dressed = put_on(discretization, rest, self.wearer, self.drape_options, progress=progress)
+        return garment_state(
+            discretization,
+            rest,
+            dressed.positions,
+            dressed,
+            self.wearer,
+            self.drape_options,
+            source=self.pattern.source,
+        )
+
+    def problem(self, discretization: Discretization, start: DrapedState) -> FitProblem:
+        """The problem on one mesh of the pattern, from what the folder keeps of it."""
+        return fit_problem(
+            self.pattern, discretization, start, self.views, self.drape_options, self.fit_options
+        )
+
+
+class FitRun(NamedTuple):
+    """A fit that has come to its end.
+
+    Attributes:
+        first, begin: the problem on the first mesh, and the first state.
+        problem, state: the problem on the last mesh, and the last state.
+        start: a garment of the last mesh.
+        course: what happened on the way.
+    """
+
+    first: FitProblem
+    begin: AnyState
+    problem: FitProblem
+    state: AnyState
+    start: DrapedState
+    course: Course
+
+
+def run_fit(
+    inputs: FitInputs,
+    discretization: Discretization,
+    start: DrapedState,
+    folder: Path,
+    *,
+    resume: bool,
+    progress: Progress,
+) -> FitRun:
+    """Iterate to the end, or on from the folder's checkpoint.
+
+    Args:
+        inputs: what is fitted.
+        discretization: of the initial pattern.
+        start: its drape.
+        folder: for checkpoints and meshes.
+        resume: go on from the checkpoint.
+        progress: told about every iteration.
+
+    Raises:
+        InputError: the checkpoint does not fit, or the initial pattern does not drape.
+        FitInterrupted: on Ctrl-C.
+    """
+    first = inputs.problem(discretization, start)
+    course = load_course(folder) if resume else None
+    if course is None:
+        progress("fit", 0, first.options.iterations)
+        begin = init(first, start.garment.vertices, clock=time.perf_counter)
+        run = _Run(inputs, folder, progress, begin, first, begin, start, Course())
+        run.save()
+    else:
+        problem = first
+        if course.mesh:
+            start, meshed = load_mesh(folder, course.mesh)
+            problem = inputs.problem(inputs.mesh(meshed), start)
+        begin, state = load_progress(folder, first, problem)
+        run = _Run(inputs, folder, progress, begin, problem, state, start, course)
+    try:
+        run.to_the_end()
+    except KeyboardInterrupt as error:
+        done = int(run.state.iteration)
+        # The last record may be of an iteration whose state was not kept any more.
+        run.course = dataclasses.replace(run.course, history=run.course.history[:done])
+        run.save()
+        raise FitInterrupted(done) from error
+    run.save()
+    return FitRun(first, begin, run.problem, run.state, run.start, run.course)
+
+
+@dataclasses.dataclass
+class _Run:
+    """The moving parts of a fit; `state` always belongs to `problem`."""
+
+    inputs: FitInputs
+    folder: Path
+    progress: Progress
+    begin: AnyState
+    problem: FitProblem
+    state: AnyState
+    start: DrapedState
+    course: Course
+
+    def save(self) -> None:
+        """Write a checkpoint."""
+        save_progress(self.folder, self.begin, self.state, self.course)
+
+    def to_the_end(self) -> None:
+        """Iterate, and remesh where triangles ask for it (S13.1)."""
+        total = self.problem.options.iterations
+        self.progress("fit", len(self.course.history), total)
+        while not finished(self.problem, self.state):
+            if self.distorted(self.state):
+                self.remesh()
+                self.save()
+            fit(
+                self.problem,
+                self.state,
+                on_iteration=self.after_iteration,
+                clock=time.perf_counter,
+            )
+
+    def distorted(self, state: AnyState) -> bool:
+        """Whether the state's mesh is not borne any more."""
+        limit = self.course.borne or self.problem.options.remesh_distortion
+        return distortion(self.problem, state.unknowns.pattern) > limit
+
+    def after_iteration(self, state: AnyState, info: FitInfo) -> bool:
+        """Keep what was reached; True ends the iterations on this mesh."""
+        record = as_record(info, state)
+        # In this order: an interrupt in between leaves a surplus record, which is cut off.
+        self.course.history.append(record)
+        self.state = state
+        count = len(self.course.history)
+        if count % CHECKPOINT_EVERY == 0:
+            self.save()
+        self.progress("fit", count, self.problem.options.iterations, loss=record["loss"])
+        return self.distorted(state)
+
+    def remesh(self) -> None:
+        """Put the garment on again with a mesh of the fitted pattern, and go on from there.
+
+        Where that fails the fit goes on as it is, until triangles are worse by a factor.
+        """
+        began, before = time.perf_counter(), distortion(self.problem, self.state.unknowns.pattern)
+        record: dict[str, Any] = {"iteration": int(self.state.iteration), "distortion": before}
+        number, inputs = self.course.mesh + 1, self.inputs
+        meshed = validated_pattern(self.problem, self.state.unknowns.pattern)
+        try:
+            discretization = inputs.mesh(meshed)
+            start = inputs.put_on(discretization, self.problem, self.progress)
+            problem = inputs.problem(discretization, start)
+            state, info = carry_over(
+                self.problem,
+                self.state,
+                problem,
+                start.garment.vertices,
+                clock=time.perf_counter,
+            )
+            outcome = info.outcome.value
+        except InputError as error:
+            state, outcome = None, str(error)
+        record |= {"outcome": outcome, "seconds": time.perf_counter() - began}
+        if state is None:
+            course = dataclasses.replace(self.course, borne=_PATIENCE * before)
+        else:
+            record |= {"vertices": discretization.vertex_count, "loss": info.loss, "iou": info.iou}
+            save_mesh(self.folder, number, start, meshed)
+            course = dataclasses.replace(self.course, mesh=number, borne=None)
+            self.problem, self.state, self.start = problem, state, start
+        self.course = dataclasses.replace(course, remeshed=[*course.remeshed, record])
