@@ -6,8 +6,8 @@
 A pattern of GarmentCode is draped with cotton on a body and photographed from 20 sides; a fit then
 begins with a pattern of other lengths and a fabric of other stiffness. Every fit runs in a process
 of its own and leaves its row, its pattern and its pictures in OUT, so an interrupted run goes on
-where it stopped. Held-out IoU counts ten views between those of the fit; Chamfer is the two-way mean
-distance of points to triangles. DATA is a folder with `patterns/garmentcode` and
+where it stopped. Held-out IoU counts ten views between those of the fit; Chamfer is the two-way
+mean distance of points to triangles. DATA is a folder with `patterns/garmentcode` and
 `bodies/mean_all.obj`.
 """
 

@@ -16,6 +16,7 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from dress_jax.core.pytree import pytree
@@ -27,6 +28,10 @@ from dress_jax.render.visibility import Screen, pixel_coordinates, rasterize, to
 Fragment = Callable[[Float[Array, "q c"], Float[Array, "q"]], Float[Array, "q d"]]
 """Per-pixel function of interpolated attributes and facing (+1 if the face runs counter-clockwise
 in the picture, else -1), applied before antialiasing."""
+
+Pixels = Int[Array, "q"] | Int[np.ndarray, "q"]
+Seen = tuple[Pixels, Pixels, Pixels]
+"""Face, column and row of some pixels."""
 
 
 def identity_fragment(values: Float[Array, "q c"], facing: Float[Array, "q"]) -> Array:
@@ -130,10 +135,38 @@ def render_attributes(
     return image.reshape(camera.height, camera.width, -1)
 
 
+def attributes_at(
+    camera: Camera,
+    positions: Float[Array, "n 3"],
+    faces: Int[Array, "f 3"],
+    attributes: Float[Array, "n c"],
+    seen: Seen,
+    *,
+    fragment: Fragment = identity_fragment,
+) -> Float[Array, "q d"]:
+    """Attributes where pixels see given faces, without antialiasing.
+
+    Made of plain arithmetic in the precision of the positions, so unlike an image it can be
+    differentiated forward too.
+
+    Args:
+        camera: one camera.
+        positions: vertices [m], shape (n, 3).
+        faces: vertex indices, shape (f, 3).
+        attributes: of the vertices, shape (n, c).
+        seen: face, column and row of every pixel, each of shape (q,).
+        fragment: see `Fragment`.
+    """
+    face, column, row = (jnp.asarray(part) for part in seen)
+    table = _vertex_table(to_screen(camera, positions, dtype=positions.dtype), attributes)
+    corners = [table[faces[face, k]] for k in range(3)]
+    return _interpolate(corners, column.astype(table.dtype), row.astype(table.dtype), fragment)
+
+
 def _vertex_table(screen: Screen, attributes: Array) -> Array:
     """Rows (x, y, w, attributes): one gather per corner fetches all a pixel needs."""
     head = jnp.stack([screen.x, screen.y, screen.w], axis=1)
-    return jnp.concatenate([head, attributes.astype(jnp.float32)], axis=1)
+    return jnp.concatenate([head, attributes.astype(head.dtype)], axis=1)
 
 
 def _interpolate(rows, px, py, fragment: Fragment):

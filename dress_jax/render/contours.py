@@ -31,7 +31,7 @@ class Contour:
         slope: derivative of `along` in the two vertices [px/m]; zero where the outline is one of
             the occluder, (q, 2, 3).
         used: entries that hold a crossing, (q,).
-        inside: pixel centres that see the garment, (h, w).
+        face: face of the garment that each pixel centre sees, or -1, (h, w).
         unfinished: as in `Image`, ().
     """
 
@@ -42,7 +42,7 @@ class Contour:
     vertices: Int[Array, "q 2"]
     slope: Float[Array, "q 2 3"]
     used: Bool[Array, " q"]
-    inside: Bool[Array, "h w"]
+    face: Int[Array, "h w"]
     unfinished: Int[Array, ""]
 
 
@@ -89,7 +89,7 @@ def find_contour(
         vertices=vertices,
         slope=jnp.where(moves[:, None, None], slope, 0.0),
         used=used,
-        inside=seen.reshape(camera.height, camera.width),
+        face=jnp.where(seen, visibility.ids, -1).reshape(camera.height, camera.width),
         unfinished=found.unfinished,
     )
 

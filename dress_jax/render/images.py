@@ -10,7 +10,12 @@ from jaxtyping import Array, Float, Int
 
 from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import pytree
-from dress_jax.render.attributes import find_visibility, render_attributes
+from dress_jax.render.attributes import (
+    Seen,
+    attributes_at,
+    find_visibility,
+    render_attributes,
+)
 from dress_jax.render.cameras import Camera, CameraKind
 from dress_jax.render.mesh import RenderMesh, join_meshes, unit_rows, vertex_normals
 from dress_jax.render.silhouettes import STEP_LIMIT
@@ -143,7 +148,33 @@ def check_image(image: Image) -> Image:
     return image
 
 
-def _turn_normals(values: Float[Array, "q c"], facing: Float[Array, "q"]) -> Array:
+def normals_at(
+    camera: Camera,
+    garment: RenderMesh,
+    seen: Seen,
+) -> Float[Array, "q 3"]:
+    """The garment's normals where pixels see given faces of it; `attributes_at` for normals.
+
+    Args:
+        camera: one camera.
+        garment: the mesh.
+        seen: face, column and row of every pixel, each of shape (q,).
+
+    Returns:
+        World-frame unit normals, turned towards the camera, shape (q, 3).
+    """
+    normals = vertex_normals(garment.positions, garment.faces)
+    return attributes_at(
+        camera, garment.positions, garment.faces, normals, seen, fragment=_towards_camera
+    )
+
+
+def _towards_camera(values: Float[Array, "q 3"], facing: Float[Array, "q"]) -> Array:
     """Unit normals on the camera's side: cloth has two, and its faces may show either."""
-    normal = unit_rows(values[:, 4:7] * facing[:, None])
+    return unit_rows(values * facing[:, None])
+
+
+def _turn_normals(values: Float[Array, "q c"], facing: Float[Array, "q"]) -> Array:
+    """The channels of `render`, their normals towards the camera."""
+    normal = _towards_camera(values[:, 4:7], facing)
     return jnp.concatenate([values[:, :4], normal, values[:, 7:]], axis=1)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int
 
 from dress_jax.core.pytree import pytree
@@ -38,13 +39,15 @@ class Screen:
     depth: Float[Array, "n"]
 
 
-def to_screen(camera: Camera, positions: Float[Array, "n 3"]) -> Screen:
+def to_screen(
+    camera: Camera, positions: Float[Array, "n 3"], *, dtype: DTypeLike = jnp.float32
+) -> Screen:
     """Homogeneous pixel coordinates, which stay meaningful behind a perspective eye."""
     right, up, depth = view_coordinates(camera, positions)
     w = depth if camera.kind is CameraKind.PERSPECTIVE else jnp.ones_like(depth)
     x = camera.principal[0] * w + camera.scale[0] * right
     y = camera.principal[1] * w - camera.scale[1] * up
-    return Screen(*(a.astype(jnp.float32) for a in (x, y, w, depth)))
+    return Screen(*(a.astype(dtype) for a in (x, y, w, depth)))
 
 
 def pixel_coordinates(camera: Camera, screen: Screen) -> tuple[Array, Array, Array]:

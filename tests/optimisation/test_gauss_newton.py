@@ -73,7 +73,11 @@ def _cost(problem, reference, vector, like, positions):
     simulator = dataclasses.replace(simulator, newton=newton)
     drape = static_solve(simulator, parameters, positions)
     assert drape.report.converged
-    return measure(problem, reference, unknowns, drape.positions), drape.positions, parameters
+    return (
+        measure(problem, reference, reference.prior, unknowns, drape.positions),
+        drape.positions,
+        parameters,
+    )
 
 
 @pytest.mark.parametrize("group", ["vertices", "controls", "log_stiffness", "pin_shift"])
@@ -84,7 +88,7 @@ def test_gradient_of_the_model_against_differences(problem, state, group):
     positions = state.positions
     for _ in range(8):  # the model is that of a drape at rest
         measured, positions, parameters = _cost(problem, reference, at, like, positions)
-    model = make_model(problem, reference, like, positions, measured, parameters)
+    model = make_model(problem, reference, reference.prior, like, positions, measured, parameters)
     zeros = replace(
         like,
         pattern=replace(

@@ -63,7 +63,7 @@ def test_crossings_lie_between_the_centres_that_they_part(ball):
         np.asarray(a)[used] for a in (contour.line, contour.before, contour.vertical, contour.along)
     )
     assert np.all((along >= before - 1e-3) & (along <= before + 1 + 1e-3))
-    inside = np.asarray(contour.inside)
+    inside = np.asarray(contour.face) >= 0
     rows, columns = np.where(vertical, before, line), np.where(vertical, line, before)
     here = inside[rows, columns]
     there = inside[rows + vertical, columns + ~vertical]
@@ -103,7 +103,7 @@ def test_slopes_add_up_to_the_derivative_of_the_area(ball):
     before, line, vertical = (
         np.asarray(a)[used] for a in (contour.before, contour.line, contour.vertical)
     )
-    inside = np.asarray(contour.inside)
+    inside = np.asarray(contour.face) >= 0
     grows = inside[np.where(vertical, before, line), np.where(vertical, line, before)]
     sign = np.where(grows, 1.0, -1.0)
     area = np.zeros(ball.positions.shape)
@@ -134,4 +134,4 @@ def test_an_occluders_outline_does_not_move_with_the_garment(ball):
 def test_garment_out_of_sight_has_no_outline(ball):
     aside = replace(ball, positions=ball.positions + jnp.array([[5.0, 0.0, 0.0]]))
     contour = _find(front_camera(), aside, nothing())
-    assert not np.any(contour.used) and not np.any(contour.inside)
+    assert not np.any(contour.used) and not np.any(np.asarray(contour.face) >= 0)

@@ -21,7 +21,7 @@ from dress_jax.optimisation.gauss_newton.normal_equations import (
     damped_step,
     promised_decrease,
 )
-from dress_jax.optimisation.gauss_newton.trial import Iterate, try_step
+from dress_jax.optimisation.gauss_newton.trial import Iterate, make_reference_once, try_step
 from dress_jax.optimisation.gauss_newton.vector import as_vector, from_vector, step_limits
 from dress_jax.optimisation.problem import FitProblem
 from dress_jax.optimisation.remeshing import at_new_vertices, transfer_weights
@@ -43,6 +43,8 @@ class GaussNewtonState:
         excursion: accepted steps since the best; `GaussNewtonOptions.longest_excursion` bars the
             way above it until there is a new best, ().
         idle: new bests in a row that hardly lowered the cost, ().
+        center: of the prior, (k,).
+        recentered: how often it was moved, ().
         iteration: steps so far, accepted or not, ().
     """
 
@@ -51,6 +53,8 @@ class GaussNewtonState:
     damping: Float[Array, ""]
     excursion: Int[Array, ""]
     idle: Int[Array, ""]
+    center: Float[Array, " k"]
+    recentered: Int[Array, ""]
     iteration: Int[Array, ""]
 
     @property
@@ -79,7 +83,8 @@ def init(
     """
     unknowns = initial_unknowns(problem)
     settled = settle(problem, unknowns, positions)
-    trial = try_step(problem, unknowns, settled, np.inf, iteration=0, clock=clock)
+    center = jnp.asarray(as_vector(unknowns))
+    trial = try_step(problem, unknowns, settled, np.inf, center=center, iteration=0, clock=clock)
     begin = trial.reached
     if begin is None:
         raise does_not_drape(problem, trial.info)
@@ -89,6 +94,8 @@ def init(
         damping=jnp.asarray(problem.options.gauss_newton.damping),
         excursion=jnp.asarray(0),
         idle=jnp.asarray(0),
+        center=center,
+        recentered=jnp.asarray(0),
         iteration=jnp.asarray(0),
     )
 
@@ -120,14 +127,23 @@ def step(
         promised = promised_decrease(model, change)
     free = excursion < options.longest_excursion
     ceiling = best * options.excursion_height if free else best
-    trial = try_step(problem, unknowns, (now, change), ceiling, iteration=iteration, clock=clock)
+    trial = try_step(
+        problem,
+        unknowns,
+        (now, change),
+        ceiling,
+        center=state.center,
+        iteration=iteration,
+        clock=clock,
+    )
     info = dataclasses.replace(trial.info, damping=damping)
     state = replace(state, iteration=jnp.asarray(iteration + 1))
     reached = trial.reached
     if reached is None:
         raised = jnp.asarray(damping * options.raise_damping)
         barred = jnp.asarray(options.longest_excursion if excursion else 0)
-        return replace(state, current=state.best, damping=raised, excursion=barred), info
+        state = replace(state, current=state.best, damping=raised, excursion=barred)
+        return _recentered(problem, state), info
 
     decrease = float(now.cost) - info.cost
     if decrease > _WELL_PREDICTED * promised:
@@ -139,7 +155,40 @@ def step(
         return replace(state, excursion=jnp.asarray(excursion + 1)), info
     idle = int(state.idle) + 1 if best - info.cost < options.idle_decrease * best else 0
     state = replace(state, best=reached, excursion=jnp.asarray(0), idle=jnp.asarray(idle))
-    return state, info
+    return _recentered(problem, state), info
+
+
+def _recentered(problem: FitProblem, state: GaussNewtonState) -> GaussNewtonState:
+    """A state at rest with its prior moved to its best unknowns; any other as it is.
+
+    This is Tikhonov regularization iterated: with each round the fit may go as far again from where
+    it was as the prior allows.
+    """
+    options = problem.options.gauss_newton
+    if not _rests(problem, state) or int(state.recentered) >= options.recenterings:
+        return state
+    best, at = state.best, as_vector(state.best.unknowns)
+    prior = make_reference_once(problem).prior._replace(center=np.asarray(state.center))
+    moved = replace(
+        best,
+        cost=best.cost - prior.value(at),
+        gradient=best.gradient - jnp.asarray(prior.gradient(at)),
+    )
+    return replace(
+        state,
+        best=moved,
+        current=moved,
+        damping=jnp.asarray(options.damping),
+        excursion=jnp.asarray(0),
+        idle=jnp.asarray(0),
+        center=jnp.asarray(at),
+        recentered=state.recentered + 1,
+    )
+
+
+def _rests(problem: FitProblem, state: GaussNewtonState) -> bool:
+    options = problem.options.gauss_newton
+    return int(state.idle) >= options.idle_steps or float(state.damping) > options.most_damping
 
 
 def carry_over(
@@ -155,7 +204,9 @@ def carry_over(
     unknowns = replace(state.unknowns, colors=at_new_vertices(state.unknowns.colors, weights))
     iteration = int(state.iteration)
     settled = settle(new, unknowns, positions)
-    trial = try_step(new, unknowns, settled, np.inf, iteration=iteration, clock=clock)
+    trial = try_step(
+        new, unknowns, settled, np.inf, center=state.center, iteration=iteration, clock=clock
+    )
     reached = trial.reached
     if reached is None:
         return None, trial.info
@@ -168,12 +219,7 @@ def carry_over(
 
 def finished(problem: FitProblem, state: GaussNewtonState) -> bool:
     """Whether all iterations are done, or the cost does not fall any more."""
-    options = problem.options.gauss_newton
-    return (
-        int(state.iteration) >= problem.options.iterations
-        or int(state.idle) >= options.idle_steps
-        or float(state.damping) > options.most_damping
-    )
+    return int(state.iteration) >= problem.options.iterations or _rests(problem, state)
 
 
 def blank(problem: FitProblem) -> GaussNewtonState:
@@ -193,5 +239,7 @@ def blank(problem: FitProblem) -> GaussNewtonState:
         damping=jnp.asarray(0.0),
         excursion=jnp.asarray(0),
         idle=jnp.asarray(0),
+        center=jnp.zeros(count),
+        recentered=jnp.asarray(0),
         iteration=jnp.asarray(0),
     )

@@ -1,6 +1,7 @@
 """The cost of a drape, and its quadratic model in the unknowns.
 
-Outlines of the drawn garment against outlines of the masks, and the prior. The unknowns are the
+Outlines of the drawn garment against outlines of the masks, normals against normals, and the prior.
+The unknowns are the
 pattern, the two stiffnesses and the pins, as one vector; colours stay as they are.
 """
 
@@ -21,9 +22,17 @@ from dress_jax.optimisation.gauss_newton.normal_equations import (
     add,
     along_rows,
     mean_square_model,
+    normal_cost,
+    normal_model,
     outline_cost,
     outline_model,
     prior_model,
+)
+from dress_jax.optimisation.gauss_newton.normals import (
+    NormalRows,
+    choose_samples,
+    normal_changes,
+    normal_rows,
 )
 from dress_jax.optimisation.gauss_newton.outline import (
     Drawn,
@@ -74,6 +83,7 @@ class Measurement:
         outline: root mean square distance of the outlines [m].
         unfinished: contours that could not be followed.
         rows: distances of the outlines.
+        normals: differences of the normals, or None where they are not compared.
         seams: changes of length differences [m].
     """
 
@@ -81,6 +91,7 @@ class Measurement:
     outline: float
     unfinished: int
     rows: Rows
+    normals: NormalRows | None
     seams: Float[np.ndarray, " stitches"]
 
 
@@ -122,13 +133,18 @@ def _prior(problem: FitProblem) -> Quadratic:
 
 
 def measure(
-    problem: FitProblem, reference: Reference, unknowns: Unknowns, positions: Array
+    problem: FitProblem,
+    reference: Reference,
+    prior: Quadratic,
+    unknowns: Unknowns,
+    positions: Array,
 ) -> Measurement:
     """The cost of a drape.
 
     Args:
         problem: what is fitted.
         reference: of the problem.
+        prior: of the problem, around some centre.
         unknowns: pattern and stiffnesses.
         positions: their drape [m], (n, 3).
     """
@@ -139,15 +155,24 @@ def measure(
     drawn = [_drawn(contours, view) for view in range(problem.observation.view_count)]
     metres = _metres_per_pixel(cameras, np.mean(np.asarray(positions), axis=0))
     rows = outline_rows(reference.targets, drawn, metres, len(positions))
+    normals = _normals(problem, garment, contours.face)
     seams = np.asarray(_seam_changes(as_vector(unknowns), unknowns.pattern, *_seam_data(problem)))
     cost = outline_cost(rows, scale=options.outline_scale, limit=options.robust)
-    cost += reference.prior.value(as_vector(unknowns))
+    if normals is not None:
+        cost += normal_cost(
+            normals.residual,
+            normals.weight,
+            scale=options.normal_scale,
+            limit=options.normal_robust,
+        )
+    cost += prior.value(as_vector(unknowns))
     cost += 0.5 * float(np.mean((seams / options.seam_scale) ** 2)) if len(seams) else 0.0
     return Measurement(
         cost=cost,
         outline=math.sqrt(float(np.sum(rows.weight * rows.residual**2))),
         unfinished=int(contours.unfinished.sum()),
         rows=rows,
+        normals=normals,
         seams=seams,
     )
 
@@ -155,6 +180,7 @@ def measure(
 def make_model(
     problem: FitProblem,
     reference: Reference,
+    prior: Quadratic,
     unknowns: Unknowns,
     positions: Array,
     measurement: Measurement,
@@ -165,6 +191,7 @@ def make_model(
     Args:
         problem: what is fitted.
         reference: of the problem.
+        prior: of the problem, around some centre.
         unknowns: pattern and stiffnesses.
         positions: their drape [m], (n, 3).
         measurement: of the drape.
@@ -186,15 +213,43 @@ def make_model(
         scale=options.outline_scale,
         limit=options.robust,
     )
+    if measurement.normals is not None:
+        rows = measurement.normals
+        garment = replace(problem.tables.garment, positions=positions)
+        changes = normal_changes(problem.observation.cameras, garment, rows.samples, sensitivity)
+        by_normals = normal_model(
+            rows.residual,
+            rows.weight,
+            changes,
+            scale=options.normal_scale,
+            limit=options.normal_robust,
+        )
+        felt = add(felt, by_normals)
     seam_jacobian = np.asarray(_seam_jacobian(at, unknowns.pattern, *_seam_data(problem)))
     return add(
         along_rows(felt, reference.felt),
-        prior_model(reference.prior, at),
+        prior_model(prior, at),
         mean_square_model(
             measurement.seams / options.seam_scale,
             seam_jacobian / options.seam_scale,
         ),
     )
+
+
+def _normals(
+    problem: FitProblem, garment: RenderMesh, face: Int[np.ndarray, "v h w"]
+) -> NormalRows | None:
+    """Differences of the normals, unless their weight is zero or nothing is seen of both."""
+    if "normal" not in problem.options.active_weights:
+        return None
+    observation = problem.observation
+    samples = choose_samples(
+        face,
+        np.asarray(observation.normal),
+        np.asarray(observation.garment),
+        problem.options.gauss_newton.normal_stride,
+    )
+    return normal_rows(observation.cameras, garment, samples) if samples.used.any() else None
 
 
 def predict_displacement(
@@ -242,7 +297,7 @@ def _drawn(contours: Contour, view: int) -> Drawn:
         vertical=kept(contours.vertical),
         vertices=kept(contours.vertices),
         slope=kept(contours.slope),
-        inside=np.asarray(contours.inside[view]),
+        inside=np.asarray(contours.face[view]) >= 0,
     )
 
 

@@ -50,6 +50,40 @@ def outline_model(
     return Model(weighted.T @ rows.residual, weighted.T @ jacobian)
 
 
+def normal_cost(
+    residual: Float[np.ndarray, "*q 3"],
+    weight: Float[np.ndarray, "*q"],
+    *,
+    scale: float,
+    limit: float,
+) -> float:
+    """The mean of Huber's function of the normals' differences, in units of the scale."""
+    value, _ = huber(np.linalg.norm(residual, axis=-1), limit)
+    return float(np.sum(weight * value)) / scale**2
+
+
+def normal_model(
+    residual: Float[np.ndarray, "*q 3"],
+    weight: Float[np.ndarray, "*q"],
+    jacobian: Float[np.ndarray, "*q 3 r"],
+    *,
+    scale: float,
+    limit: float,
+) -> Model:
+    """The model of `normal_cost`.
+
+    Args:
+        residual: differences.
+        weight: share of each in the mean.
+        jacobian: derivatives of the differences in the unknowns.
+        scale, limit: as in `normal_cost`.
+    """
+    _, factor = huber(np.linalg.norm(residual, axis=-1), limit)
+    root = np.sqrt(weight * factor)[..., None] / scale
+    rows = (root[..., None] * jacobian).reshape(-1, jacobian.shape[-1])
+    return Model(rows.T @ (root * residual).ravel(), rows.T @ rows)
+
+
 def mean_square_model(
     residual: Float[np.ndarray, " r"], jacobian: Float[np.ndarray, "r k"]
 ) -> Model:

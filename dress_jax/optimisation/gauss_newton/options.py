@@ -17,6 +17,9 @@ class GaussNewtonOptions:
     Attributes:
         outline_scale: distance of outlines [m].
         robust: distance beyond which an outline pulls with constant strength [m].
+        normal_scale: length of the difference of drawn and target normals.
+        normal_robust: length beyond which a difference pulls with constant strength.
+        normal_stride: distance of the pixels at which normals are compared [px].
         shape_scale: strain of pattern edges beyond what one linear map per panel explains.
         size_scale: strain of pattern edges.
         control_scale: way of control points [chord lengths].
@@ -33,11 +36,16 @@ class GaussNewtonOptions:
         longest_excursion: so many steps in a row may stay above the best cost.
         excursion_height: and up to this multiple of it.
         idle_decrease: a new best that lowers the cost by a smaller part of it is idle.
-        idle_steps: a fit ends after this many idle steps in a row.
+        idle_steps: a fit rests after this many idle steps in a row.
+        recenterings: how often a fit at rest goes on with its prior moved to where it is. What the
+            images leave open stays; what they say a little about is not drawn back any more.
     """
 
     outline_scale: float = 0.01
     robust: float = 0.03
+    normal_scale: float = 0.5
+    normal_robust: float = 0.3
+    normal_stride: int = 6
     shape_scale: float = 0.25
     size_scale: float = 0.6
     control_scale: float = 0.13
@@ -57,10 +65,13 @@ class GaussNewtonOptions:
     excursion_height: float = 2.0
     idle_decrease: float = 0.01
     idle_steps: int = 4
+    recenterings: int = 2
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
+            if field.name == "recenterings" and value == 0:
+                continue
             if not (math.isfinite(value) and value > 0.0):
                 raise InputError(
                     f"{field.name} is {value}",

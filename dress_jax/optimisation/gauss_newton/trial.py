@@ -92,6 +92,7 @@ def try_step(
     start: Array | tuple[Iterate, Float[np.ndarray, " k"]],
     ceiling: float,
     *,
+    center: Float[Array, " k"],
     iteration: int,
     clock: Clock | None,
 ) -> Trial:
@@ -106,6 +107,7 @@ def try_step(
         start: intersection-free positions [m], or an iterate and the change of its unknowns: the
             drape then begins where the sensitivities predict it.
         ceiling: of the cost.
+        center: of the prior.
         iteration: for the report.
         clock: see `step`.
     """
@@ -115,6 +117,8 @@ def try_step(
     if not smallest_relative_area(problem, np.asarray(rest)) >= problem.options.smallest_area:
         return Trial(FitInfo(iteration, StepOutcome.REST_DEGENERATE))
     parameters = fitted_parameters(problem, rest, unknowns.log_stiffness, unknowns.pin_shift)
+    reference = make_reference_once(problem)
+    prior = reference.prior._replace(center=np.asarray(center))
     stages, newton, iterations = _Stages(clock), problem.simulator.newton, 0
 
     def ended(info: FitInfo, reached: Iterate | None = None, **changes: Any) -> Trial:
@@ -132,7 +136,7 @@ def try_step(
         stages.done("forward")
         if not info.accepted:
             return ended(info)
-        measured = measure(problem, _reference(problem), unknowns, positions)
+        measured = measure(problem, reference, prior, unknowns, positions)
         info = dataclasses.replace(
             info, cost=measured.cost, outline=measured.outline, unfinished=measured.unfinished
         )
@@ -142,9 +146,7 @@ def try_step(
         if not measured.cost < ceiling:
             return ended(info, outcome=StepOutcome.WORSE)
         try:
-            model = make_model(
-                problem, _reference(problem), unknowns, positions, measured, parameters
-            )
+            model = make_model(problem, reference, prior, unknowns, positions, measured, parameters)
         except LinearSolveError:
             stages.done("adjoint")
             if attempt == problem.options.polish:
@@ -169,7 +171,8 @@ def _iterate(unknowns: Unknowns, positions: Array, cost: float, model: Model) ->
 
 
 @functools.lru_cache(maxsize=2)
-def _reference(problem: FitProblem) -> Reference:
+def make_reference_once(problem: FitProblem) -> Reference:
+    """`make_reference`, kept for the problem in use."""
     return make_reference(problem)
 
 
