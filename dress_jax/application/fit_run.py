@@ -5,6 +5,8 @@ import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from dress_jax.application.drape import DrapeOptions, garment_state, put_on
 from dress_jax.application.fit_problem import fit_problem
 from dress_jax.application.fit_session import (
@@ -27,6 +29,7 @@ from dress_jax.optimisation import (
     FitOptions,
     FitProblem,
     carry_over,
+    cost,
     distortion,
     finished,
     fit,
@@ -83,8 +86,24 @@ class FitInputs:
     def put_on(
         self, discretization: Discretization, problem: FitProblem, progress: Progress
     ) -> DrapedState:
-        """The initial pattern, put on with another mesh (S13.4)."""
-        rest = pulled_back(problem, discretization)
+        """The garment of a new mesh, put on: as it was fitted, or where that fails as it began.
+
+        The fitted garment comes to hang as it would for anyone who drapes it; the initial one is
+        known to go on (S13.4).
+
+        Raises:
+            InputError: neither can be put on.
+        """
+        meshed = np.asarray(discretization.meshed_positions)
+        try:
+            return self._put_on(discretization, meshed, progress)
+        except InputError:
+            rest = pulled_back(problem, discretization)
+            return self._put_on(discretization, rest, progress)
+
+    def _put_on(
+        self, discretization: Discretization, rest: np.ndarray, progress: Progress
+    ) -> DrapedState:
         dressed = put_on(discretization, rest, self.wearer, self.drape_options, progress=progress)
         return garment_state(
             discretization,
@@ -188,19 +207,25 @@ class _Run:
         save_progress(self.folder, self.begin, self.state, self.course)
 
     def to_the_end(self) -> None:
-        """Iterate, and remesh where triangles ask for it (S13.1)."""
-        total = self.problem.options.iterations
-        self.progress("fit", len(self.course.history), total)
-        while not finished(self.problem, self.state):
+        """Iterate; put the garment on again where triangles or a rest ask for it (S13.1)."""
+        options = self.problem.options
+        self.progress("fit", len(self.course.history), options.iterations)
+        while True:
             if self.distorted(self.state):
-                self.remesh()
-                self.save()
+                self.begin_again(unless_worse=False)
             fit(
                 self.problem,
                 self.state,
                 on_iteration=self.after_iteration,
                 clock=time.perf_counter,
             )
+            if not finished(self.problem, self.state):
+                continue
+            early = int(self.state.iteration) < options.iterations
+            if not early or self.course.refreshed >= options.refreshes:
+                return
+            if not self.begin_again(unless_worse=True):
+                return
 
     def distorted(self, state: AnyState) -> bool:
         """Whether the state's mesh is not borne any more."""
@@ -219,15 +244,24 @@ class _Run:
         self.progress("fit", count, self.problem.options.iterations, loss=record["loss"])
         return self.distorted(state)
 
-    def remesh(self) -> None:
+    def begin_again(self, *, unless_worse: bool) -> bool:
         """Put the garment on again with a mesh of the fitted pattern, and go on from there.
 
         Where that fails the fit goes on as it is, until triangles are worse by a factor.
+
+        Args:
+            unless_worse: keep the old drape where the new one fits the pictures less. A fold that
+                snapped early may stay to the end of a fit; a garment that is put on anew has none
+                but its own.
+
+        Returns:
+            Whether the fit goes on with the new mesh.
         """
         began, before = time.perf_counter(), distortion(self.problem, self.state.unknowns.pattern)
         record: dict[str, Any] = {"iteration": int(self.state.iteration), "distortion": before}
-        number, inputs = self.course.mesh + 1, self.inputs
+        course, inputs, number = self.course, self.inputs, self.course.mesh + 1
         meshed = validated_pattern(self.problem, self.state.unknowns.pattern)
+        state = None
         try:
             discretization = inputs.mesh(meshed)
             start = inputs.put_on(discretization, self.problem, self.progress)
@@ -239,15 +273,25 @@ class _Run:
                 start.garment.vertices,
                 clock=time.perf_counter,
             )
-            outcome = info.outcome.value
+            record |= {"outcome": info.outcome.value, "loss": info.loss, "iou": info.iou}
         except InputError as error:
-            state, outcome = None, str(error)
-        record |= {"outcome": outcome, "seconds": time.perf_counter() - began}
+            record["outcome"] = str(error)
+        if state is not None and unless_worse:
+            costs = [cost(s) for s in (self.state, state)]
+            record["cost"] = costs
+            if not costs[1] < costs[0]:
+                state, record["outcome"] = None, "not better"
+        record["seconds"] = time.perf_counter() - began
+        if unless_worse:
+            course = dataclasses.replace(course, refreshed=course.refreshed + 1)
         if state is None:
-            course = dataclasses.replace(self.course, borne=_PATIENCE * before)
+            if not unless_worse:
+                course = dataclasses.replace(course, borne=_PATIENCE * before)
         else:
-            record |= {"vertices": discretization.vertex_count, "loss": info.loss, "iou": info.iou}
+            record["vertices"] = discretization.vertex_count
             save_mesh(self.folder, number, start, meshed)
-            course = dataclasses.replace(self.course, mesh=number, borne=None)
+            course = dataclasses.replace(course, mesh=number, borne=None)
             self.problem, self.state, self.start = problem, state, start
         self.course = dataclasses.replace(course, remeshed=[*course.remeshed, record])
+        self.save()
+        return state is not None

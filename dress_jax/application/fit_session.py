@@ -39,12 +39,14 @@ class Course:
     Attributes:
         history: one record per iteration.
         remeshed: one record per attempt at a new mesh.
+        refreshed: how many of them followed a rest.
         mesh: number of the mesh in use; 0 is the first.
         borne: distortion up to which no new mesh is asked for; None for the option's.
     """
 
     history: History = dataclasses.field(default_factory=list)
     remeshed: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    refreshed: int = 0
     mesh: int = 0
     borne: float | None = None
 

@@ -8,6 +8,7 @@ from dress_jax.optimisation.gauss_newton.options import GaussNewtonOptions as Ga
 from dress_jax.optimisation.loop import AnyState as AnyState
 from dress_jax.optimisation.loop import blank_state as blank_state
 from dress_jax.optimisation.loop import carry_over as carry_over
+from dress_jax.optimisation.loop import cost as cost
 from dress_jax.optimisation.loop import finished as finished
 from dress_jax.optimisation.loop import fit as fit
 from dress_jax.optimisation.loop import init as init

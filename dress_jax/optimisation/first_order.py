@@ -45,6 +45,7 @@ def init(
         unknowns=unknowns,
         gradient=trial.gradient,
         positions=trial.positions,
+        loss=jnp.asarray(trial.info.loss),
         optimizer=init_optimizer(unknowns, problem.options),
         iteration=jnp.asarray(0),
         rate_scale=jnp.asarray(1.0),
@@ -92,6 +93,7 @@ def step(
             unknowns=unknowns,
             gradient=trial.gradient,
             positions=trial.positions,
+            loss=jnp.asarray(info.loss),
             optimizer=optimizer,
             iteration=following,
             rate_scale=jnp.asarray(min(1.0, scale * options.grow)),
@@ -120,14 +122,20 @@ def carry_over(
         unknowns=unknowns,
         gradient=trial.gradient,
         positions=trial.positions,
+        loss=jnp.asarray(trial.info.loss),
         optimizer={
             **state.optimizer,
             "colors": at_new_vertices(state.optimizer["colors"], weights),
         },
         iteration=state.iteration,
-        rate_scale=state.rate_scale,
+        rate_scale=jnp.asarray(1.0),
     )
     return moved, trial.info
+
+
+def cost(state: FitState) -> float:
+    """The loss of the drape."""
+    return float(state.loss)
 
 
 def finished(problem: FitProblem, state: FitState) -> bool:
@@ -144,6 +152,7 @@ def blank(problem: FitProblem) -> FitState:
         unknowns=unknowns,
         gradient=unknowns,
         positions=jnp.zeros((problem.discretization.vertex_count, 3)),
+        loss=jnp.asarray(0.0),
         optimizer=init_optimizer(unknowns, problem.options),
         iteration=jnp.asarray(0),
         rate_scale=jnp.asarray(1.0),

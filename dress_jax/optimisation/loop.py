@@ -27,6 +27,7 @@ class _Method(NamedTuple):
     finished: Callable[[FitProblem, Any], bool]
     blank: Callable[[FitProblem], Any]
     carry_over: Callable[..., tuple[Any, FitInfo]]
+    cost: Callable[[Any], float]
 
 
 _METHODS = {
@@ -36,6 +37,7 @@ _METHODS = {
         first_order.finished,
         first_order.blank,
         first_order.carry_over,
+        first_order.cost,
     ),
     FitMethod.GAUSS_NEWTON: _Method(
         gauss_newton.init,
@@ -43,6 +45,7 @@ _METHODS = {
         gauss_newton.finished,
         gauss_newton.blank,
         gauss_newton.carry_over,
+        gauss_newton.cost,
     ),
 }
 
@@ -111,6 +114,12 @@ def carry_over(
         The state of the new problem, or None where the drape there cannot be used; and how it went.
     """
     return _METHODS[old.options.method].carry_over(old, state, new, positions, clock=clock)
+
+
+def cost(state: Any) -> float:
+    """What the steps of a state's method lower; comparable between meshes of one fit."""
+    method = FitMethod.ADAM if isinstance(state, FitState) else FitMethod.GAUSS_NEWTON
+    return _METHODS[method].cost(state)
 
 
 def fit(

@@ -95,6 +95,8 @@ class FitOptions:
             pattern without any (`flip_guard`, S12); 0 leaves them as they are.
         remesh_distortion: a fit that can remesh does so when a length in some triangle has changed
             by more than this factor since it was meshed (`remeshing`, S13.1).
+        refreshes: how often a fit that has come to rest before its last iteration puts the garment
+            on anew, and goes on from there if that fits better.
         shrink, grow: factors on the learning rates after a rejected and an accepted step.
         smallest_scale: the fit ends when rejections have shrunk the rates below this share.
     """
@@ -119,6 +121,7 @@ class FitOptions:
     smallest_area: float = 0.1
     guarded_area: float = 0.2
     remesh_distortion: float = 2.0
+    refreshes: int = 2
     shrink: float = 0.5
     grow: float = 1.5
     smallest_scale: float = 1e-3
@@ -136,6 +139,7 @@ class FitOptions:
             _require(math.isfinite(value) and value >= 0.0, name, value, "at least 0")
         _require(self.iterations >= 0, "iterations", self.iterations, "at least 0")
         _require(self.stage_one >= 0, "stage_one", self.stage_one, "at least 0")
+        _require(self.refreshes >= 0, "refreshes", self.refreshes, "at least 0")
         _require(self.polish >= 0, "polish", self.polish, "at least 0")
         views = self.views_per_iteration
         _require(views is None or views >= 1, "views_per_iteration", views, "at least 1, or None")

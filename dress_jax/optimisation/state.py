@@ -54,6 +54,7 @@ class FitState:
         unknowns: last accepted values.
         gradient: of the loss there.
         positions: the drape there, and the start of the next one (S9.5) [m], (n, 3).
+        loss: there, ().
         optimizer: state of the optimiser of each group and of the panel stretches, by name.
         iteration: steps so far, accepted or not, ().
         rate_scale: factor on all learning rates, lowered by rejected steps, ().
@@ -62,6 +63,7 @@ class FitState:
     unknowns: Unknowns
     gradient: Unknowns
     positions: Float[Array, "n 3"]
+    loss: Float[Array, ""]
     optimizer: dict[str, optax.OptState]
     iteration: Int[Array, ""]
     rate_scale: Float[Array, ""]

@@ -210,11 +210,20 @@ def carry_over(
     reached = trial.reached
     if reached is None:
         return None, trial.info
-    nothing = jnp.asarray(0)
-    return (
-        replace(state, best=reached, current=reached, excursion=nothing, idle=nothing),
-        trial.info,
+    moved = replace(
+        state,
+        best=reached,
+        current=reached,
+        damping=jnp.asarray(new.options.gauss_newton.damping),
+        excursion=jnp.asarray(0),
+        idle=jnp.asarray(0),
     )
+    return moved, trial.info
+
+
+def cost(state: GaussNewtonState) -> float:
+    """Of the best drape."""
+    return float(state.best.cost)
 
 
 def finished(problem: FitProblem, state: GaussNewtonState) -> bool:
