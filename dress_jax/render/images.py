@@ -165,16 +165,16 @@ def normals_at(
     """
     normals = vertex_normals(garment.positions, garment.faces)
     return attributes_at(
-        camera, garment.positions, garment.faces, normals, seen, fragment=_towards_camera
+        camera, garment.positions, garment.faces, normals, seen, fragment=towards_camera
     )
 
 
-def _towards_camera(values: Float[Array, "q 3"], facing: Float[Array, "q"]) -> Array:
+def towards_camera(values: Float[Array, "q 3"], facing: Float[Array, "q"]) -> Array:
     """Unit normals on the camera's side: cloth has two, and its faces may show either."""
     return unit_rows(values * facing[:, None])
 
 
 def _turn_normals(values: Float[Array, "q c"], facing: Float[Array, "q"]) -> Array:
     """The channels of `render`, their normals towards the camera."""
-    normal = _towards_camera(values[:, 4:7], facing)
+    normal = towards_camera(values[:, 4:7], facing)
     return jnp.concatenate([values[:, :4], normal, values[:, 7:]], axis=1)

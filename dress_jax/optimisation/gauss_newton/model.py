@@ -17,10 +17,12 @@ from jaxtyping import Array, Float, Int
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import STRETCHING_LEAVES, Parameters
 from dress_jax.optimisation.draping import fitted_parameters, initial_unknowns
+from dress_jax.optimisation.gauss_newton.guidance import Pull
 from dress_jax.optimisation.gauss_newton.normal_equations import (
     Model,
     add,
     along_rows,
+    huber,
     mean_square_model,
     normal_cost,
     normal_model,
@@ -31,7 +33,7 @@ from dress_jax.optimisation.gauss_newton.normal_equations import (
 from dress_jax.optimisation.gauss_newton.normals import (
     NormalRows,
     choose_samples,
-    normal_changes,
+    normal_jacobian,
     normal_rows,
 )
 from dress_jax.optimisation.gauss_newton.outline import (
@@ -148,14 +150,8 @@ def measure(
         unknowns: pattern and stiffnesses.
         positions: their drape [m], (n, 3).
     """
-    options, tables = problem.options.gauss_newton, problem.tables
-    cameras = problem.observation.cameras
-    garment = replace(tables.garment, positions=positions)
-    contours = jax.tree.map(np.asarray, _contours(cameras, garment, tables.occluder))
-    drawn = [_drawn(contours, view) for view in range(problem.observation.view_count)]
-    metres = _metres_per_pixel(cameras, np.mean(np.asarray(positions), axis=0))
-    rows = outline_rows(reference.targets, drawn, metres, len(positions))
-    normals = _normals(problem, garment, contours.face)
+    options = problem.options.gauss_newton
+    rows, normals, unfinished = _compare(problem, reference, positions)
     seams = np.asarray(_seam_changes(as_vector(unknowns), unknowns.pattern, *_seam_data(problem)))
     cost = outline_cost(rows, scale=options.outline_scale, limit=options.robust)
     if normals is not None:
@@ -170,11 +166,27 @@ def measure(
     return Measurement(
         cost=cost,
         outline=math.sqrt(float(np.sum(rows.weight * rows.residual**2))),
-        unfinished=int(contours.unfinished.sum()),
+        unfinished=unfinished,
         rows=rows,
         normals=normals,
         seams=seams,
     )
+
+
+def pulls(problem: FitProblem, reference: Reference, positions: Array) -> list[Pull]:
+    """What the pictures ask of a state's positions (`guidance`)."""
+    options = problem.options.gauss_newton
+    rows, normals, _ = _compare(problem, reference, positions)
+    _, factor = huber(rows.residual, options.robust)
+    found = [Pull(rows.residual, rows.jacobian, rows.weight * factor / options.outline_scale**2)]
+    if normals is None:
+        return found
+    _, factor = huber(np.linalg.norm(normals.residual, axis=-1), options.normal_robust)
+    weight = np.repeat((normals.weight * factor).ravel() / options.normal_scale**2, 3)
+    used = weight > 0.0
+    garment = replace(problem.tables.garment, positions=positions)
+    jacobian = normal_jacobian(problem.observation.cameras, garment, normals.samples)
+    return [*found, Pull(normals.residual.ravel()[used], jacobian[used], weight[used])]
 
 
 def make_model(
@@ -216,11 +228,11 @@ def make_model(
     if measurement.normals is not None:
         rows = measurement.normals
         garment = replace(problem.tables.garment, positions=positions)
-        changes = normal_changes(problem.observation.cameras, garment, rows.samples, sensitivity)
         by_normals = normal_model(
             rows.residual,
             rows.weight,
-            changes,
+            normal_jacobian(problem.observation.cameras, garment, rows.samples),
+            sensitivity.reshape(-1, len(reference.felt)),
             scale=options.normal_scale,
             limit=options.normal_robust,
         )
@@ -234,6 +246,19 @@ def make_model(
             seam_jacobian / options.seam_scale,
         ),
     )
+
+
+def _compare(
+    problem: FitProblem, reference: Reference, positions: Array
+) -> tuple[Rows, NormalRows | None, int]:
+    """Outlines and normals of a state against the pictures, and contours without an end."""
+    tables, cameras = problem.tables, problem.observation.cameras
+    garment = replace(tables.garment, positions=positions)
+    contours = jax.tree.map(np.asarray, _contours(cameras, garment, tables.occluder))
+    drawn = [_drawn(contours, view) for view in range(problem.observation.view_count)]
+    metres = _metres_per_pixel(cameras, np.mean(np.asarray(positions), axis=0))
+    rows = outline_rows(reference.targets, drawn, metres, len(positions))
+    return rows, _normals(problem, garment, contours.face), int(contours.unfinished.sum())
 
 
 def _normals(

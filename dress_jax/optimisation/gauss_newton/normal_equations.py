@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse
 from jaxtyping import Float
 
 from dress_jax.optimisation.gauss_newton.outline import Rows
@@ -65,7 +66,8 @@ def normal_cost(
 def normal_model(
     residual: Float[np.ndarray, "*q 3"],
     weight: Float[np.ndarray, "*q"],
-    jacobian: Float[np.ndarray, "*q 3 r"],
+    jacobian: scipy.sparse.csr_array,
+    sensitivity: Float[np.ndarray, "n3 k"],
     *,
     scale: float,
     limit: float,
@@ -75,13 +77,16 @@ def normal_model(
     Args:
         residual: differences.
         weight: share of each in the mean.
-        jacobian: derivatives of the differences in the unknowns.
+        jacobian: their derivatives in the flattened positions.
+        sensitivity: derivatives of the flattened positions in the unknowns.
         scale, limit: as in `normal_cost`.
     """
     _, factor = huber(np.linalg.norm(residual, axis=-1), limit)
-    root = np.sqrt(weight * factor)[..., None] / scale
-    rows = (root[..., None] * jacobian).reshape(-1, jacobian.shape[-1])
-    return Model(rows.T @ (root * residual).ravel(), rows.T @ rows)
+    root = np.repeat(np.sqrt(weight * factor).ravel() / scale, 3)
+    used = root > 0.0
+    root = root[used]
+    rows = root[:, None] * (jacobian[used] @ sensitivity)
+    return Model(rows.T @ (root * residual.ravel()[used]), rows.T @ rows)
 
 
 def mean_square_model(

@@ -20,6 +20,8 @@ class GaussNewtonOptions:
         normal_scale: length of the difference of drawn and target normals.
         normal_robust: length beyond which a difference pulls with constant strength.
         normal_stride: distance of the pixels at which normals are compared [px].
+        guidance: rounds in which a drape is pulled toward the pictures before it is let go
+            (`guidance`); 0 begins where the sensitivities predict it.
         shape_scale: strain of pattern edges beyond what one linear map per panel explains.
         size_scale: strain of pattern edges.
         control_scale: way of control points [chord lengths].
@@ -46,6 +48,7 @@ class GaussNewtonOptions:
     normal_scale: float = 0.5
     normal_robust: float = 0.3
     normal_stride: int = 6
+    guidance: int = 3
     shape_scale: float = 0.25
     size_scale: float = 0.6
     control_scale: float = 0.13
@@ -70,7 +73,7 @@ class GaussNewtonOptions:
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
-            if field.name == "recenterings" and value == 0:
+            if field.name in ("guidance", "recenterings") and value == 0:
                 continue
             if not (math.isfinite(value) and value > 0.0):
                 raise InputError(

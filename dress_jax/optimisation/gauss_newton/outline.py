@@ -50,7 +50,7 @@ class Rows(NamedTuple):
     """
 
     residual: Float[np.ndarray, " r"]
-    jacobian: scipy.sparse.csr_matrix
+    jacobian: scipy.sparse.csr_array
     weight: Float[np.ndarray, " r"]
 
 
@@ -92,10 +92,10 @@ def outline_rows(
             count += size
     shape = (count, 3 * vertex_count)
     if not triples:
-        return Rows(np.zeros(0), scipy.sparse.csr_matrix(shape), np.zeros(0))
+        return Rows(np.zeros(0), scipy.sparse.csr_array(shape), np.zeros(0))
     entries, rows, columns = (np.concatenate(part) for part in zip(*triples, strict=True))
     moving = entries != 0.0  # the occluder's outlines name vertices that are not the garment's
-    jacobian = scipy.sparse.csr_matrix(
+    jacobian = scipy.sparse.csr_array(
         (entries[moving], (rows[moving], columns[moving])), shape=shape
     )
     return Rows(np.concatenate(residuals), jacobian, np.concatenate(weights))

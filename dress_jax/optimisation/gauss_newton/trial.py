@@ -17,12 +17,14 @@ from dress_jax.optimisation.draping import (
     fitted_parameters,
     smallest_relative_area,
 )
+from dress_jax.optimisation.gauss_newton.guidance import guided_start
 from dress_jax.optimisation.gauss_newton.model import (
     Reference,
     make_model,
     make_reference,
     measure,
     predict_displacement,
+    pulls,
 )
 from dress_jax.optimisation.gauss_newton.normal_equations import Model
 from dress_jax.optimisation.losses import Garment, assess_value
@@ -70,7 +72,7 @@ class _Stages:
 
     def __init__(self, clock: Clock | None):
         self._clock, self._last = clock, 0.0 if clock is None else clock()
-        self._seconds = {"forward": 0.0, "loss": 0.0, "adjoint": 0.0}
+        self._seconds = {"guidance": 0.0, "forward": 0.0, "loss": 0.0, "adjoint": 0.0}
 
     def done(self, stage: str) -> None:
         """Count the time since the last stage."""
@@ -125,7 +127,17 @@ def try_step(
         changes |= {"newton_iterations": iterations, "seconds": stages.seconds()}
         return Trial(dataclasses.replace(info, **changes), reached)
 
-    positions = _prediction(problem, *start, parameters) if isinstance(start, tuple) else start
+    if isinstance(start, tuple):
+        positions = guided_start(
+            problem.simulator,
+            parameters,
+            _prediction(problem, *start, parameters),
+            lambda x: pulls(problem, reference, x),
+            problem.options.gauss_newton.guidance,
+        )
+        stages.done("guidance")
+    else:
+        positions = start
     for attempt in range(1 + problem.options.polish):
         # A copy: see `optimisation.trial.try_unknowns`.
         simulator = dataclasses.replace(problem.simulator, newton=newton)
