@@ -11,11 +11,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from dress_jax.core.pytree import pytree
-from dress_jax.render.attributes import find_visibility
+from dress_jax.core.buckets import bucket_size
+from dress_jax.core.pytree import pytree, replace
+from dress_jax.render.attributes import Visibility, find_visibility
 from dress_jax.render.cameras import Camera, project
 from dress_jax.render.mesh import RenderMesh, join_meshes
-from dress_jax.render.silhouettes import STEP_LIMIT, next_half_edge
+from dress_jax.render.silhouettes import next_half_edge
 
 
 @pytree
@@ -46,25 +47,68 @@ class Contour:
     unfinished: Int[Array, ""]
 
 
-def find_contour(
+def find_contours(
+    cameras: Camera, garment: RenderMesh, occluder: RenderMesh | None = None
+) -> Contour:
+    """The outlines of the garment's visible part in several views (host).
+
+    A picture could hold as many crossings as it has pairs of pixels; it holds a hundredth of them.
+    So they are counted first, and then followed in arrays of a fitting size.
+
+    Args:
+        cameras: a stack of cameras.
+        garment: the mesh whose mask it is.
+        occluder: what hides it.
+
+    Returns:
+        A stack of contours.
+    """
+    seen = _visibilities(cameras, garment, occluder)
+    room = seen.silhouettes.pair.shape[1]
+    size = min(bucket_size(int(jnp.max(seen.silhouettes.count))), room)
+    return _contours(cameras, garment, occluder, seen, size)
+
+
+@jax.jit
+def _visibilities(cameras: Camera, garment: RenderMesh, occluder: RenderMesh | None) -> Visibility:
+    meshes = join_meshes(garment, occluder)
+    return jax.lax.map(lambda camera: find_visibility(camera, *meshes), cameras)
+
+
+@partial(jax.jit, static_argnames="size")
+def _contours(
+    cameras: Camera,
+    garment: RenderMesh,
+    occluder: RenderMesh | None,
+    seen: Visibility,
+    size: int,
+) -> Contour:
+    def view(pair: tuple[Camera, Visibility]) -> Contour:
+        camera, visibility = pair
+        found = visibility.silhouettes
+        short = replace(found, pair=found.pair[:size], edge=found.edge[:size])
+        return contour_of(camera, garment, occluder, replace(visibility, silhouettes=short))
+
+    return jax.lax.map(view, (cameras, seen))
+
+
+def contour_of(
     camera: Camera,
     garment: RenderMesh,
-    occluder: RenderMesh | None = None,
-    *,
-    step_limit: int | Int[Array, ""] = STEP_LIMIT,
+    occluder: RenderMesh | None,
+    visibility: Visibility,
 ) -> Contour:
-    """The outline of the garment's visible part in one view.
+    """The outline in one view, of what is visible there.
 
     Args:
         camera: one camera.
         garment: the mesh whose mask it is.
         occluder: what hides it.
-        step_limit: see `find_visibility`.
+        visibility: of both meshes together.
     """
-    positions, faces, adjacency = join_meshes(garment, occluder)
+    positions, faces, _ = join_meshes(garment, occluder)
     own = garment.faces.shape[0]
     pixels, width = camera.height * camera.width, camera.width
-    visibility = find_visibility(camera, positions, faces, adjacency, step_limit=step_limit)
     found = visibility.silhouettes
     pair, swapped = found.pair // 2, found.pair % 2 == 1
     vertical = pair >= pixels

@@ -6,13 +6,13 @@ import pytest
 from fit_scenes import cameras
 
 from dress_jax.core.pytree import replace
-from dress_jax.optimisation.gauss_newton.model import _contours
 from dress_jax.optimisation.gauss_newton.normal_equations import normal_cost, normal_model
 from dress_jax.optimisation.gauss_newton.normals import (
     choose_samples,
     normal_jacobian,
     normal_rows,
 )
+from dress_jax.render.contours import find_contours
 from dress_jax.render.images import render_views
 from tests.central_differences import central_difference
 
@@ -26,7 +26,7 @@ def drawn(problem, state):
     garment = replace(problem.tables.garment, positions=state.positions)
     views = cameras()
     image = render_views(views, garment, problem.tables.occluder)
-    face = np.asarray(_contours(views, garment, problem.tables.occluder).face)
+    face = np.asarray(find_contours(views, garment, problem.tables.occluder).face)
     return views, garment, face, np.asarray(image.normal), np.asarray(image.mask) > 0.99
 
 

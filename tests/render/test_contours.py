@@ -8,10 +8,14 @@ from render_scenes import SIZE, front_camera, nothing, padded_mesh, slopes, sphe
 
 from dress_jax.core.pytree import replace
 from dress_jax.geometry.rotations import rotation_matrix
-from dress_jax.render.cameras import perspective_camera
-from dress_jax.render.contours import find_contour
+from dress_jax.render.cameras import perspective_camera, stack_cameras
+from dress_jax.render.contours import find_contours
 
-_find = jax.jit(find_contour)
+
+def _find(camera, garment, occluder):
+    """The contour of one view."""
+    contours = find_contours(stack_cameras([camera]), garment, occluder)
+    return jax.tree.map(lambda leaf: leaf[0], contours)
 
 
 def perspective():

@@ -56,7 +56,7 @@ from dress_jax.pattern import Discretization, edge_lengths, pattern_parameters, 
 from dress_jax.pattern.parameters import EdgeTable, PatternParameters
 from dress_jax.pattern.symmetry import Symmetry, validated
 from dress_jax.render.cameras import Camera, CameraKind
-from dress_jax.render.contours import Contour, find_contour
+from dress_jax.render.contours import Contour, find_contours
 from dress_jax.render.mesh import RenderMesh
 from dress_jax.sim.sensitivity import static_sensitivity
 
@@ -254,7 +254,7 @@ def _compare(
     """Outlines and normals of a state against the pictures, and contours without an end."""
     tables, cameras = problem.tables, problem.observation.cameras
     garment = replace(tables.garment, positions=positions)
-    contours = jax.tree.map(np.asarray, _contours(cameras, garment, tables.occluder))
+    contours = jax.tree.map(np.asarray, find_contours(cameras, garment, tables.occluder))
     drawn = [_drawn(contours, view) for view in range(problem.observation.view_count)]
     metres = _metres_per_pixel(cameras, np.mean(np.asarray(positions), axis=0))
     rows = outline_rows(reference.targets, drawn, metres, len(positions))
@@ -301,11 +301,6 @@ def predict_displacement(
     simulator = dataclasses.replace(problem.simulator)
     directions = {name: value[None] for name, value in along.items()}
     return static_sensitivity(simulator, parameters, positions, directions)[..., 0]
-
-
-@jax.jit
-def _contours(cameras: Camera, garment: RenderMesh, occluder: RenderMesh | None):
-    return jax.lax.map(lambda camera: find_contour(camera, garment, occluder), cameras)
 
 
 def _drawn(contours: Contour, view: int) -> Drawn:

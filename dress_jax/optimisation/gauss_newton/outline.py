@@ -8,6 +8,8 @@ count along the line on which they are shorter: a strip beside a skirt that is t
 its side, and not by its hem.
 """
 
+import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -16,7 +18,8 @@ import scipy.sparse
 from jaxtyping import Bool, Float, Int
 
 
-class Target(NamedTuple):
+@dataclasses.dataclass(frozen=True, eq=False)
+class Target:
     """One mask to compare with.
 
     Attributes:
@@ -26,6 +29,21 @@ class Target(NamedTuple):
 
     mask: Float[np.ndarray, "h w"]
     valid: Bool[np.ndarray, "h w"]
+
+    @functools.cached_property
+    def rows(self) -> "_Known":
+        """The mask along its rows."""
+        return _target_lines(self, vertical=False)
+
+    @functools.cached_property
+    def columns(self) -> "_Known":
+        """The mask along its columns."""
+        return _target_lines(self, vertical=True)
+
+    @functools.cached_property
+    def length(self) -> int:
+        """Number of places where its outline crosses rows or columns."""
+        return sum(int(np.sum(own.lines.changes & own.known)) for own in (self.rows, self.columns))
 
 
 class Drawn(NamedTuple):
@@ -72,7 +90,7 @@ def outline_rows(
         vertex_count: n.
     """
     residuals, weights, triples, count = [], [], [], 0
-    lengths = [_outline_length(target) for target in targets]
+    lengths = [target.length for target in targets]
     views = sum(length > 0 for length in lengths)
     for target, outline, metres, length in zip(
         targets, drawn, metres_per_pixel, lengths, strict=True
@@ -139,28 +157,30 @@ def _lines(inside: Bool[np.ndarray, "l m"], place: Float[np.ndarray, "l k"]) -> 
     )
 
 
-def _target_lines(target: Target, *, vertical: bool) -> tuple[_Lines, Bool[np.ndarray, "l k"]]:
-    """The target along rows or columns, and between which neighbours it is known."""
+class _Known(NamedTuple):
+    """A target along lines: where it is known, and where an outline crosses rather than runs along,
+    both between neighbours."""
+
+    lines: _Lines
+    known: Bool[np.ndarray, "l k"]
+    steep: Bool[np.ndarray, "l k"]
+
+
+def _target_lines(target: Target, *, vertical: bool) -> _Known:
     mask = np.asarray(target.mask, np.float64)
     mask, valid = (mask.T, target.valid.T) if vertical else (mask, target.valid)
     inside = mask > 0.5
     # What both pixels hold of the garment lies side by side: exact for an edge across the line.
     covered = mask[:, :-1] + mask[:, 1:]
     place = np.arange(covered.shape[1]) + np.where(inside[:, :-1], covered - 0.5, 1.5 - covered)
-    return _lines(inside, place), valid[:, :-1] & valid[:, 1:]
-
-
-def _outline_length(target: Target) -> int:
-    """Number of places where the target's outline crosses rows or columns."""
-    return sum(
-        int(np.sum(lines.changes & known))
-        for lines, known in (_target_lines(target, vertical=v) for v in (False, True))
+    return _Known(
+        _lines(inside, place), valid[:, :-1] & valid[:, 1:], _steep(target, vertical=vertical)
     )
 
 
 def _runs(target: Target, drawn: Drawn, *, vertical: bool) -> tuple[_Runs, Float[np.ndarray, " s"]]:
     """Runs along rows or columns: from the drawn outline, and halves of those without any [px]."""
-    wanted, known = _target_lines(target, vertical=vertical)
+    wanted, known, steep = target.columns if vertical else target.rows
     inside = drawn.inside.T if vertical else drawn.inside
     middle = np.broadcast_to(np.arange(known.shape[1]) + 0.5, known.shape)
     own = _lines(inside, middle)
@@ -177,7 +197,6 @@ def _runs(target: Target, drawn: Drawn, *, vertical: bool) -> tuple[_Runs, Float
     distance = share * (along - place)
     runs = _Runs(crossing[usable], distance[usable], share[usable])
 
-    steep = _steep(target, vertical=vertical)
     line, before = np.nonzero(wanted.changes & known & ~own.changes & steep)
     ends, ended, by_target = _ends(line, before, wanted, own, longest, start_is_target=True)
     usable = ended & by_target
