@@ -76,9 +76,9 @@ def _rejected(problem, state, outcome):
 
 
 def _collapsing(problem, state):
-    """A step that stretches the panels beyond recognition, the wrong way."""
+    """A step that stretches the panels beyond recognition, the wrong way, and no guard."""
     uphill = replace(state, gradient=jax.tree.map(jnp.negative, state.gradient))
-    return with_options(problem, rates=LearningRates(panels=2.0)), uphill
+    return with_options(problem, rates=LearningRates(panels=2.0), guarded_area=0.0), uphill
 
 
 def test_flipped_rest_triangle_rolls_back(problem, state):

@@ -14,11 +14,12 @@ with nothing that pulls. The equilibrium that it reaches is one of its own.
 
 import dataclasses
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
+import scipy.sparse.linalg
 from jaxtyping import Array, Float, Int
 
 from dress_jax.energy.cloth import Parameters, vertex_masses
@@ -28,7 +29,7 @@ from dress_jax.solver.conjugate_gradient import conjugate_gradient
 
 _TIME_STEP = 0.005  # [s]; short, so that the pull is strong: cloth sags by 0.2 mm in it
 _TOLERANCE, _ITERATIONS = 2e-4, 20  # of a step [m]; it is a start, and no result
-_HOLD, _SMOOTH = 30.0, 0.1  # of the displacement, per square metre; outlines pull with up to 1e4
+_HOLD, _SMOOTH = 30.0, 30.0  # of the displacement, per square metre; outlines pull with up to 1e4
 _CG_TOLERANCE, _CG_ITERATIONS = 1e-2, 40
 
 
@@ -90,17 +91,14 @@ def displacement(
         masses: of the vertices.
         smoothness: from `_smoothness`.
     """
-    share = masses / masses.sum()
-    hold = scipy.sparse.kron(
-        _HOLD * scipy.sparse.diags_array(share) + _SMOOTH * smoothness, scipy.sparse.eye_array(3)
-    ).tocsr()
-    diagonal = hold.diagonal()
-    right = np.zeros_like(diagonal)
+    share = scipy.sparse.diags_array(masses / masses.sum())
+    hold = (_HOLD * share + _SMOOTH * smoothness).tocsc()
+    right = np.zeros(3 * len(masses))
     for p in pulls:
         right -= p.jacobian.T.dot(p.weight * p.residual)
 
     def product(vector: np.ndarray) -> np.ndarray:
-        total = hold.dot(vector)
+        total = hold.dot(vector.reshape(-1, 3)).ravel()
         for p in pulls:
             total = total + p.jacobian.T.dot(p.weight * p.jacobian.dot(vector))
         return total
@@ -109,21 +107,21 @@ def displacement(
     found = conjugate_gradient(
         product,
         right,
-        _Diagonal(diagonal),
+        _Hold(scipy.sparse.linalg.splu(hold)),
         tolerance=_CG_TOLERANCE,
         iteration_limit=_CG_ITERATIONS,
     )
     return found.solution.reshape(-1, 3)
 
 
-class _Diagonal(NamedTuple):
-    """A preconditioner."""
+class _Hold(NamedTuple):
+    """A preconditioner, so that every iterate is smooth."""
 
-    diagonal: Float[np.ndarray, " n"]
+    factors: Any
 
     def solve(self, right_hand_side: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Divide by it."""
-        return right_hand_side / self.diagonal
+        """Of every coordinate on its own."""
+        return self.factors.solve(right_hand_side.reshape(-1, 3)).ravel()
 
 
 def _smoothness(faces: Int[np.ndarray, "f 3"], count: int) -> scipy.sparse.csr_array:
