@@ -85,6 +85,7 @@ def degraded(targets: Targets, view: View, seed: int) -> Targets:
         rgb=targets.rgb,
         normal=normal,
         mask=mask,
+        parts=targets.parts,
     )
 
 

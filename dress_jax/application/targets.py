@@ -6,10 +6,11 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from dress_jax.application.progress import Progress, silent
 from dress_jax.core.errors import InputError
+from dress_jax.geometry.topology import connected_components
 from dress_jax.io.images import Targets, load_targets, save_targets
 from dress_jax.io.meshes import GarmentMesh, read_garment_obj, write_garment_obj
 from dress_jax.io.results import DrapedState
@@ -74,7 +75,8 @@ def draw_targets(
     """Masks, normals and colours of a draped garment from all around.
 
     Mask and normals show the garment where the body does not hide it; colours show both, unlit, on
-    white, so that they can be compared with the renderer's own colours.
+    white, so that they can be compared with the renderer's own colours. An outfit of several
+    garments gets a mask for each as well.
 
     Args:
         state: the garment and the body.
@@ -87,23 +89,27 @@ def draw_targets(
     """
     everything = np.concatenate([state.garment.vertices, state.body_vertices])
     azimuths, cameras = ring(everything, views=views, size=size)
+    garments = _garments(state)
     garment = make_render_mesh(
         jnp.asarray(state.garment.vertices),
         state.garment.faces,
         colors=_plain(GARMENT_COLOR, len(state.garment.vertices)),
+        attributes=_channels(garments, len(state.garment.vertices)),
     )
     body = make_render_mesh(
         jnp.asarray(state.body_vertices),
         state.body_faces,
         colors=_plain(BODY_COLOR, len(state.body_vertices)),
     )
-    masks, normals, colors = [], [], []
+    masks, normals, colors, parts = [], [], [], {name: [] for name in garments}
     for number, camera in enumerate(cameras):
         dress = check_image(_render(camera, garment, body))
         skin = check_image(_render(camera, body, garment))
         white = 1.0 - np.asarray(dress.mask) - np.asarray(skin.mask)
         masks.append(np.clip(np.asarray(dress.mask), 0.0, 1.0))
         normals.append(np.clip(np.asarray(dress.normal), -1.0, 1.0))
+        for channel, own in enumerate(parts.values()):
+            own.append(np.clip(np.asarray(dress.attributes[..., channel]), 0.0, 1.0))
         colors.append(np.clip(np.asarray(dress.color + skin.color) + white[..., None], 0.0, 1.0))
         progress("render", number + 1, views)
     return Targets(
@@ -112,6 +118,7 @@ def draw_targets(
         rgb=np.stack(colors),
         normal=np.stack(normals),
         mask=np.stack(masks),
+        parts={name: np.stack(own) for name, own in parts.items()},
     )
 
 
@@ -166,7 +173,26 @@ def as_observation(targets: Targets, cameras: Camera) -> Observation:
         length = np.linalg.norm(targets.normal, axis=-1, keepdims=True)
         unit = targets.normal / np.where(length > 0.0, length, 1.0)
         normal = unit * core[..., None]
-    return make_observation(cameras, targets.mask, color=color, normal=normal, garment=core)
+    parts = np.stack(list(targets.parts.values()), axis=-1) if targets.parts else None
+    return make_observation(
+        cameras, targets.mask, parts=parts, color=color, normal=normal, garment=core
+    )
+
+
+def _garments(state: DrapedState) -> dict[str, Int[np.ndarray, " k"]]:
+    """The vertices of each garment of an outfit, from the top down; nothing for a single one."""
+    count = len(state.garment.vertices)
+    label = connected_components(state.garment.faces, count)
+    own = [np.flatnonzero(label == number) for number in range(int(label.max()) + 1)]
+    own.sort(key=lambda vertices: -float(state.garment.vertices[vertices, 1].mean()))
+    return {} if len(own) == 1 else {f"garment-{k + 1}": v for k, v in enumerate(own)}
+
+
+def _channels(garments: dict[str, Int[np.ndarray, " k"]], count: int) -> Float[Array, "n c"]:
+    channels = np.zeros((count, len(garments)), np.float32)
+    for channel, vertices in enumerate(garments.values()):
+        channels[vertices, channel] = 1.0
+    return jnp.asarray(channels)
 
 
 def _plain(color: tuple[float, float, float], count: int) -> Float[Array, "n 3"]:

@@ -1,7 +1,8 @@
 """Pictures (PNG): colour, masks and encoded normals; folders of target views (S6.1).
 
 A target folder has the layout of the multi-view generators: `rgb/ normal/ mask/` with one file
-per view, named by azimuth in degrees (`018.png`), and `cameras.json`, one object per view.
+per view, named by azimuth in degrees (`018.png`), and `cameras.json`, one object per view. Of an
+outfit, `mask-NAME/` may hold the masks of its garments beside `mask/`, which shows all of them.
 """
 
 import dataclasses
@@ -18,6 +19,7 @@ from dress_jax.io.atomic import atomic_path
 from dress_jax.io.documents import read_json, write_json
 
 KINDS = ("rgb", "normal", "mask")
+_PART = "mask-"
 
 
 def write_rgb(path: str | Path, image: Float[np.ndarray, "h w 3"]) -> None:
@@ -88,6 +90,7 @@ class Targets:
         rgb: colours in [0, 1], shape (v, h, w, 3), or None.
         normal: normals in [-1, 1], shape (v, h, w, 3), or None.
         mask: coverage in [0, 1], shape (v, h, w), or None.
+        parts: coverage by each garment of an outfit, by name; empty where they are not told apart.
     """
 
     azimuths: tuple[int, ...]
@@ -95,6 +98,7 @@ class Targets:
     rgb: np.ndarray | None = None
     normal: np.ndarray | None = None
     mask: np.ndarray | None = None
+    parts: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
 
 def save_targets(folder: str | Path, targets: Targets) -> None:
@@ -108,6 +112,7 @@ def save_targets(folder: str | Path, targets: Targets) -> None:
     if len(set(targets.azimuths)) != count or not all(0 <= a < 360 for a in targets.azimuths):
         raise ValueError(f"azimuths must be distinct and in 0..359, not {targets.azimuths}")
     stacks = {kind: getattr(targets, kind) for kind in KINDS}
+    stacks |= {_PART + name: stack for name, stack in targets.parts.items()}
     for name, stack in {"cameras": targets.cameras, **stacks}.items():
         if stack is not None and len(stack) != count:
             raise ValueError(f"{len(stack)} {name} for {count} azimuths")
@@ -115,8 +120,9 @@ def save_targets(folder: str | Path, targets: Targets) -> None:
     for kind, stack in stacks.items():
         if stack is None:
             continue
+        write = writers.get(kind, write_mask)
         for azimuth, image in zip(targets.azimuths, stack, strict=True):
-            writers[kind](folder / kind / f"{azimuth:03d}.png", image)
+            write(folder / kind / f"{azimuth:03d}.png", image)
     views = [
         {"azimuth": int(azimuth), "camera": camera}
         for azimuth, camera in zip(targets.azimuths, targets.cameras, strict=True)
@@ -148,12 +154,18 @@ def load_targets(folder: str | Path) -> Targets:
         )
     azimuths = tuple(view["azimuth"] for view in views)
     readers = {"rgb": read_rgb, "normal": read_normals, "mask": read_mask}
-    stacks = {
-        kind: _stack([folder / kind / f"{azimuth:03d}.png" for azimuth in azimuths], readers[kind])
-        for kind in KINDS
-        if (folder / kind).is_dir()
-    }
-    return Targets(azimuths=azimuths, cameras=tuple(view["camera"] for view in views), **stacks)
+
+    def stack(kind: str, reader: Any) -> np.ndarray:
+        return _stack([folder / kind / f"{azimuth:03d}.png" for azimuth in azimuths], reader)
+
+    stacks = {kind: stack(kind, readers[kind]) for kind in KINDS if (folder / kind).is_dir()}
+    parts = sorted(path.name for path in folder.glob(f"{_PART}*") if path.is_dir())
+    return Targets(
+        azimuths=azimuths,
+        cameras=tuple(view["camera"] for view in views),
+        parts={name.removeprefix(_PART): stack(name, read_mask) for name in parts},
+        **stacks,
+    )
 
 
 def _stack(paths: Sequence[Path], reader: Any) -> np.ndarray:

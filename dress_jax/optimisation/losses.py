@@ -147,7 +147,8 @@ def _view_terms(
     valid = view.valid > 0.0
     terms["common"] = jnp.sum((drawn & wanted & valid).astype(jnp.float32))
     terms["joint"] = jnp.sum(((drawn | wanted) & valid).astype(jnp.float32))
-    terms["mask"] = mask_loss(image.mask[..., None], view.mask[..., None], view.valid)
+    parts = image.attributes if view.parts.shape[-1] > 1 else image.mask[..., None]
+    terms["mask"] = mask_loss(parts, view.parts, view.valid)
     terms["color"] = color_loss(image.color, view.color, view.garment)
     terms["normal"] = normal_loss(image.normal, view.normal, view.garment)
     return terms

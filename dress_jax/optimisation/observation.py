@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Num
+from jaxtyping import Array, Float, Int, Num
 
 from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import pytree
@@ -21,6 +21,8 @@ class Observation:
     Attributes:
         cameras: a stack of v cameras.
         mask: part of each pixel that the visible garment covers, (v, h, w).
+        parts: the same by kind of garment, for masks that tell kinds apart (top, bottom, dress;
+            S10.3), (v, h, w, c); equal to the mask where c is 1.
         color: RGB in [0, 1], zero off the garment, (v, h, w, 3).
         normal: world-frame unit normals towards the camera, zero off the garment, (v, h, w, 3).
         valid: 1 where the mask counts: off hair and accessories (complement of M^alpha), (v, h, w).
@@ -29,6 +31,7 @@ class Observation:
 
     cameras: Camera
     mask: Float[Array, "v h w"]
+    parts: Float[Array, "v h w c"]
     color: Float[Array, "v h w 3"]
     normal: Float[Array, "v h w 3"]
     valid: Float[Array, "v h w"]
@@ -44,6 +47,7 @@ def make_observation(
     cameras: Camera,
     mask: Num[np.ndarray, "v h w"],
     *,
+    parts: Num[np.ndarray, "v h w c"] | None = None,
     color: Num[np.ndarray, "v h w 3"] | None = None,
     normal: Num[np.ndarray, "v h w 3"] | None = None,
     valid: Num[np.ndarray, "v h w"] | None = None,
@@ -53,9 +57,9 @@ def make_observation(
 
     Args:
         cameras: a stack of v cameras.
-        mask, color, normal, valid, garment: see `Observation`. Missing colours or normals are
-            zeros, to be used with a weight of zero; `valid` is everywhere and `garment` where the
-            mask is above one half unless given.
+        mask, parts, color, normal, valid, garment: see `Observation`. Missing colours or normals
+            are zeros, to be used with a weight of zero; `valid` is everywhere and `garment` where
+            the mask is above one half unless given; one part unless given.
 
     Raises:
         InputError: shapes that do not fit, numbers that are not finite, or a mask without garment.
@@ -65,6 +69,7 @@ def make_observation(
         raise InputError(f"masks have shape {mask.shape}, not (views, h, w)", where="observation")
     arrays = {
         "mask": mask,
+        "parts": mask[..., None] if parts is None else parts,
         "color": np.zeros((*mask.shape, 3)) if color is None else color,
         "normal": np.zeros((*mask.shape, 3)) if normal is None else normal,
         "valid": np.ones(mask.shape) if valid is None else valid,
@@ -72,6 +77,8 @@ def make_observation(
     }
     for name, array in arrays.items():
         shape = (*mask.shape, 3) if name in ("color", "normal") else mask.shape
+        if name == "parts":
+            shape = (*mask.shape, max(np.shape(array)[-1], 1))
         if np.shape(array) != shape:
             raise InputError(
                 f"{name} has shape {np.shape(array)}, not {shape}", where="observation"
@@ -102,6 +109,7 @@ def observe(
     faces: Num[np.ndarray, "f 3"],
     *,
     colors: Float[np.ndarray, "n 3"] | None = None,
+    vertex_parts: Int[np.ndarray, " n"] | None = None,
     body_vertices: Float[np.ndarray, "b 3"] | None = None,
     body_faces: Num[np.ndarray, "k 3"] | None = None,
 ) -> Observation:
@@ -111,6 +119,7 @@ def observe(
         cameras: a stack of cameras.
         positions, faces: the garment's welded mesh [m].
         colors: RGB per vertex; white when None.
+        vertex_parts: kind of garment of every vertex, from 0; one kind when None.
         body_vertices, body_faces: the body [m]; none when None.
 
     Raises:
@@ -120,21 +129,31 @@ def observe(
     if (body_vertices is None) != (body_faces is None):
         raise InputError("body_vertices and body_faces must come together", where="observe")
     paint = None if colors is None else jnp.asarray(colors)
-    garment = make_render_mesh(jnp.asarray(positions), faces, colors=paint)
+    attributes = None if vertex_parts is None else part_channels(vertex_parts)
+    garment = make_render_mesh(jnp.asarray(positions), faces, colors=paint, attributes=attributes)
     occluder = None
     if body_vertices is not None and body_faces is not None:
         occluder = make_render_mesh(jnp.asarray(body_vertices), body_faces)
     return observe_meshes(cameras, garment, occluder)
 
 
+def part_channels(vertex_parts: Int[np.ndarray, " n"]) -> Float[Array, "n c"]:
+    """One channel per part, 1 at its vertices; none where there is one part only."""
+    count = int(np.max(vertex_parts, initial=0)) + 1
+    if count == 1:
+        return jnp.zeros((len(vertex_parts), 0), jnp.float32)
+    return jnp.asarray(np.eye(count, dtype=np.float32)[vertex_parts])
+
+
 def observe_meshes(
     cameras: Camera, garment: RenderMesh, occluder: RenderMesh | None
 ) -> Observation:
-    """`observe` for meshes that are ready to draw."""
+    """`observe` for meshes that are ready to draw; their attributes are channels of parts."""
     image = check_image(_render_views(cameras, garment, occluder))
     return make_observation(
         cameras,
         np.asarray(image.mask),
+        parts=np.asarray(image.attributes) if image.attributes.shape[-1] > 1 else None,
         color=np.asarray(image.color),
         normal=np.asarray(image.normal),
     )

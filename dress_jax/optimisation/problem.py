@@ -8,14 +8,15 @@ from jaxtyping import Array, Bool, Float, Int
 
 from dress_jax.core.errors import InputError
 from dress_jax.core.precision import require_float64
-from dress_jax.core.pytree import pytree
+from dress_jax.core.pytree import pytree, replace
 from dress_jax.energy.cloth import Cloth, Parameters
 from dress_jax.loss.area_ratio import panel_areas
 from dress_jax.loss.corners import corner_signs
 from dress_jax.loss.laplacian import interior_vertices
 from dress_jax.loss.seam_length import seam_ratios
-from dress_jax.optimisation.observation import Observation
+from dress_jax.optimisation.observation import Observation, part_channels
 from dress_jax.optimisation.options import FitOptions
+from dress_jax.optimisation.parts import assign_parts, merged
 from dress_jax.optimisation.state import DrapedUnknowns
 from dress_jax.pattern import (
     Discretization,
@@ -23,6 +24,7 @@ from dress_jax.pattern import (
     Pattern,
     components,
     pattern_parameters,
+    placed_positions,
     rest_positions,
     with_parameters,
 )
@@ -38,7 +40,10 @@ class Tables:
     """Arrays that the losses need and that never change.
 
     Attributes:
-        garment: the welded mesh; its positions and colours are placeholders.
+        garment: the welded mesh; its positions and colours are placeholders. Its attributes are the
+            channels of the parts where masks tell parts apart.
+        parts: for every such part its mesh, and everything that may hide it but the body; empty
+            where there is one part only.
         occluder: the body as it is drawn, or None.
         cloth: topology of the garment.
         rest_faces: panel vertices of each triangle, (f, 3).
@@ -56,6 +61,7 @@ class Tables:
     """
 
     garment: RenderMesh
+    parts: tuple[tuple[RenderMesh, RenderMesh], ...]
     occluder: RenderMesh | None
     cloth: Cloth
     rest_faces: Int[np.ndarray, "f 3"]
@@ -145,20 +151,21 @@ def make_problem(
     body = np.asarray(parameters.body_vertices)
     if occluder is None and len(body):
         occluder = make_render_mesh(jnp.asarray(body), simulator.body_faces)
-    garment = make_render_mesh(
-        jnp.zeros((count, 3)), np.asarray(discretization.faces), colors=jnp.asarray(colors)
-    )
+    component = components(discretization)
+    observation, face_part = _matched_parts(observation, discretization, component)
+    garment, part_meshes = _garment_meshes(discretization, face_part, colors)
     stitch_edges = np.asarray(discretization.stitch_edges)
     symmetry = make_symmetry(pattern) if options.symmetrize else None
     reference, corners = validated(start, symmetry), corner_table(discretization)
     rest = rest_positions(reference, discretization)
     tables = Tables(
         garment=garment,
+        parts=part_meshes,
         occluder=occluder,
         cloth=simulator.cloth,
         rest_faces=np.asarray(discretization.rest_faces),
         face_panel=np.asarray(discretization.face_panel),
-        component=components(discretization),
+        component=component,
         reference_areas=panel_areas(
             rest,
             np.asarray(discretization.rest_faces),
@@ -183,6 +190,51 @@ def make_problem(
         options=options,
         colors=colors,
         tables=tables,
+    )
+
+
+def _matched_parts(
+    observation: Observation,
+    discretization: Discretization,
+    component: Int[np.ndarray, " panels"],
+) -> tuple[Observation, Int[np.ndarray, " f"]]:
+    """The observation with as many parts as there are garments to show in them, and the part of
+    every triangle (S10.5, S10.6)."""
+    placed = np.asarray(
+        placed_positions(jnp.asarray(discretization.meshed_positions), discretization)
+    )
+    owner = component[np.asarray(discretization.panel_of_vertex)]
+    count = np.bincount(owner)
+    heights = np.bincount(owner, weights=placed[:, 1]) / count
+    parts = np.asarray(observation.parts)
+    part_of = assign_parts(heights, parts[0])
+    if len(heights) == 1 and parts.shape[-1] > 1:
+        observation = replace(observation, parts=jnp.asarray(merged(parts)))
+    return observation, part_of[component[np.asarray(discretization.face_panel)]]
+
+
+def _garment_meshes(
+    discretization: Discretization,
+    face_part: Int[np.ndarray, " f"],
+    colors: Float[np.ndarray, "n 3"],
+) -> tuple[RenderMesh, tuple[tuple[RenderMesh, RenderMesh], ...]]:
+    """The whole garment; and where it has several parts, each of them with what is beside it."""
+    faces = np.asarray(discretization.faces)
+    nowhere = jnp.zeros((discretization.vertex_count, 3))
+    vertex_part = np.zeros(discretization.vertex_count, dtype=np.int32)
+    vertex_part[faces] = face_part[:, None]
+    garment = make_render_mesh(
+        nowhere, faces, colors=jnp.asarray(colors), attributes=part_channels(vertex_part)
+    )
+    count = int(face_part.max(initial=0)) + 1
+    if count == 1:
+        return garment, ()
+    return garment, tuple(
+        (
+            make_render_mesh(nowhere, faces[face_part == part]),
+            make_render_mesh(nowhere, faces[face_part != part]),
+        )
+        for part in range(count)
     )
 
 

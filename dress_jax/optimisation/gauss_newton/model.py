@@ -57,7 +57,7 @@ from dress_jax.pattern.parameters import EdgeTable, PatternParameters
 from dress_jax.pattern.symmetry import Symmetry, validated
 from dress_jax.render.cameras import Camera, CameraKind
 from dress_jax.render.contours import Contour, find_contours
-from dress_jax.render.mesh import RenderMesh
+from dress_jax.render.mesh import RenderMesh, join_meshes
 from dress_jax.sim.sensitivity import static_sensitivity
 
 
@@ -66,7 +66,7 @@ class Reference:
     """What every step of a fit compares with; made once by `make_reference`.
 
     Attributes:
-        targets: the masks.
+        targets: the masks, views in turn, part by part.
         prior: around the initial pattern.
         felt: basis of the directions that the drape can feel, (r, k).
     """
@@ -100,7 +100,11 @@ class Measurement:
 def make_reference(problem: FitProblem) -> Reference:
     """The masks on the host, and the prior."""
     observation = problem.observation
-    masks, valid = np.asarray(observation.mask), np.asarray(observation.valid) > 0.0
+    # Views of the first part, then those of the next.
+    masks = np.moveaxis(np.asarray(observation.parts), -1, 0).reshape(
+        -1, *observation.mask.shape[1:]
+    )
+    valid = np.tile(np.asarray(observation.valid) > 0.0, (observation.parts.shape[-1], 1, 1))
     return Reference(
         targets=[Target(*pair) for pair in zip(masks, valid, strict=True)],
         prior=_prior(problem),
@@ -254,11 +258,39 @@ def _compare(
     """Outlines and normals of a state against the pictures, and contours without an end."""
     tables, cameras = problem.tables, problem.observation.cameras
     garment = replace(tables.garment, positions=positions)
-    contours = jax.tree.map(np.asarray, find_contours(cameras, garment, tables.occluder))
-    drawn = [_drawn(contours, view) for view in range(problem.observation.view_count)]
+    whole = jax.tree.map(np.asarray, find_contours(cameras, garment, tables.occluder))
+    contours = [whole]
+    if tables.parts:
+        contours = [
+            jax.tree.map(np.asarray, _part_contours(problem, *part, positions))
+            for part in tables.parts
+        ]
+    views = range(problem.observation.view_count)
+    drawn = [_drawn(own, view) for own in contours for view in views]
     metres = _metres_per_pixel(cameras, np.mean(np.asarray(positions), axis=0))
+    metres = np.tile(metres, len(contours))
     rows = outline_rows(reference.targets, drawn, metres, len(positions))
-    return rows, _normals(problem, garment, contours.face), int(contours.unfinished.sum())
+    return rows, _normals(problem, garment, whole.face), int(whole.unfinished.sum())
+
+
+def _part_contours(
+    problem: FitProblem, own: RenderMesh, others: RenderMesh, positions: Array
+) -> Contour:
+    """Outlines of one garment of an outfit, hidden by the others and the body.
+
+    Where another garment hides it, its outline is that garment's, and moves with that.
+    """
+    hiding = replace(others, positions=positions)
+    if problem.tables.occluder is not None:
+        corners, faces, adjacency = join_meshes(hiding, problem.tables.occluder)
+        hiding = RenderMesh(
+            positions=corners,
+            faces=faces,
+            adjacency=adjacency,
+            colors=jnp.ones_like(corners),
+            attributes=jnp.zeros((len(corners), 0)),
+        )
+    return find_contours(problem.observation.cameras, replace(own, positions=positions), hiding)
 
 
 def _normals(
