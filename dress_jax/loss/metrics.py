@@ -3,15 +3,13 @@
 import enum
 
 import numpy as np
-import trimesh
 from jaxtyping import Float, Num
 from scipy.spatial import cKDTree
 
 from dress_jax.core.errors import InputError
+from dress_jax.geometry.nearest import nearest_on_surface
 
 CENTIMETRES_PER_METRE = 100.0
-
-_FIRST_NEIGHBOURS = 8
 
 
 class ChamferTarget(enum.Enum):
@@ -119,32 +117,8 @@ def sample_surface(
 def distance_to_surface(
     points: Float[np.ndarray, "s 3"], triangles: Float[np.ndarray, "f 3 3"]
 ) -> Float[np.ndarray, "s"]:
-    """Exact distance of every point to the nearest triangle [m].
-
-    Triangles are tried in the order of their centroids. A triangle whose centroid is farther than
-    the best distance plus the largest circumradius about a centroid cannot be nearer, so the search
-    stops there; points that have not got that far try twice as many.
-    """
-    centroids = triangles.mean(axis=1)
-    radius = np.linalg.norm(triangles - centroids[:, None], axis=2).max()
-    tree = cKDTree(centroids)
-    best = np.full(len(points), np.inf)
-    open_points = np.arange(len(points))
-    count, done = min(_FIRST_NEIGHBOURS, len(triangles)), 0
-    while True:
-        reach, index = tree.query(points[open_points], k=count)
-        reach, index = np.reshape(reach, (-1, count)), np.reshape(index, (-1, count))
-        fresh = index[:, done:]
-        repeated = np.repeat(points[open_points], fresh.shape[1], axis=0)
-        closest = trimesh.triangles.closest_point(triangles[fresh.reshape(-1)], repeated)
-        distance = np.linalg.norm(closest - repeated, axis=1).reshape(fresh.shape).min(axis=1)
-        best[open_points] = np.minimum(best[open_points], distance)
-        if count == len(triangles):
-            return best
-        open_points = open_points[reach[:, -1] <= best[open_points] + radius]
-        if len(open_points) == 0:
-            return best
-        count, done = min(2 * count, len(triangles)), count
+    """Exact distance of every point to the nearest triangle [m]."""
+    return nearest_on_surface(points, triangles).distance
 
 
 def _triangles(vertices, faces, name: str) -> np.ndarray:

@@ -28,5 +28,7 @@ from dress_jax.optimisation.remeshing import needs_remeshing as needs_remeshing
 from dress_jax.optimisation.remeshing import pulled_back as pulled_back
 from dress_jax.optimisation.report import FitInfo as FitInfo
 from dress_jax.optimisation.report import StepOutcome as StepOutcome
+from dress_jax.optimisation.scan import Scan as Scan
+from dress_jax.optimisation.scan import make_scan as make_scan
 from dress_jax.optimisation.state import FitState as FitState
 from dress_jax.optimisation.state import Unknowns as Unknowns

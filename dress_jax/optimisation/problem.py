@@ -15,8 +15,9 @@ from dress_jax.loss.corners import corner_signs
 from dress_jax.loss.laplacian import interior_vertices
 from dress_jax.loss.seam_length import seam_ratios
 from dress_jax.optimisation.observation import Observation, part_channels
-from dress_jax.optimisation.options import FitOptions
+from dress_jax.optimisation.options import FitMethod, FitOptions
 from dress_jax.optimisation.parts import assign_parts, merged
+from dress_jax.optimisation.scan import Scan
 from dress_jax.optimisation.state import DrapedUnknowns
 from dress_jax.pattern import (
     Discretization,
@@ -92,6 +93,7 @@ class FitProblem:
         options: see `FitOptions`.
         colors: vertex colours to begin with, (n, 3).
         tables: constants of the losses.
+        scan: of the garment, which Gauss-Newton compares with as well; None without one.
     """
 
     pattern: Pattern
@@ -102,6 +104,7 @@ class FitProblem:
     options: FitOptions
     colors: Float[np.ndarray, "n 3"]
     tables: Tables
+    scan: Scan | None = None
 
 
 def make_problem(
@@ -114,6 +117,7 @@ def make_problem(
     options: FitOptions | None = None,
     colors: Float[np.ndarray, "n 3"] | None = None,
     occluder: RenderMesh | None = None,
+    scan: Scan | None = None,
 ) -> FitProblem:
     """Put a fit together and check that its parts fit each other.
 
@@ -126,6 +130,8 @@ def make_problem(
         options: default `FitOptions()`.
         colors: vertex colours to begin with; grey when None.
         occluder: what hides the garment in the images; the simulator's body when None.
+        scan: of the garment, from `make_scan`. For a scan alone, leave the weights of the images
+            out; the observation is then only drawn for reports.
 
     Raises:
         InputError: friction is on, or the parts do not belong together.
@@ -137,6 +143,10 @@ def make_problem(
             "friction makes a drape depend on how it came about",
             where="make_problem",
             mend="make the simulator with friction=False",
+        )
+    if scan is not None and options.method is FitMethod.ADAM:
+        raise InputError(
+            "Adam does not look at scans", where="make_problem", mend="use Gauss-Newton"
         )
     start = pattern_parameters(pattern)
     _check(discretization, simulator, parameters, start.vertices.shape[0])
@@ -190,6 +200,7 @@ def make_problem(
         options=options,
         colors=colors,
         tables=tables,
+        scan=scan,
     )
 
 

@@ -43,6 +43,7 @@ from dress_jax.optimisation.gauss_newton.outline import (
     outline_rows,
 )
 from dress_jax.optimisation.gauss_newton.prior import Quadratic, edge_strain_matrix
+from dress_jax.optimisation.gauss_newton.scan_rows import scan_rows
 from dress_jax.optimisation.gauss_newton.vector import (
     FACTORS,
     Vector,
@@ -86,6 +87,7 @@ class Measurement:
         unfinished: contours that could not be followed.
         rows: distances of the outlines.
         normals: differences of the normals, or None where they are not compared.
+        scan: distances of a scan, or None where there is none.
         seams: changes of length differences [m].
     """
 
@@ -94,6 +96,7 @@ class Measurement:
     unfinished: int
     rows: Rows
     normals: NormalRows | None
+    scan: Rows | None
     seams: Float[np.ndarray, " stitches"]
 
 
@@ -165,6 +168,9 @@ def measure(
             scale=options.normal_scale,
             limit=options.normal_robust,
         )
+    scan = _scan(problem, positions)
+    if scan is not None:
+        cost += outline_cost(scan, scale=options.scan_scale, limit=options.scan_robust)
     cost += prior.value(as_vector(unknowns))
     cost += 0.5 * float(np.mean((seams / options.seam_scale) ** 2)) if len(seams) else 0.0
     return Measurement(
@@ -173,6 +179,7 @@ def measure(
         unfinished=unfinished,
         rows=rows,
         normals=normals,
+        scan=scan,
         seams=seams,
     )
 
@@ -181,8 +188,10 @@ def pulls(problem: FitProblem, reference: Reference, positions: Array) -> list[P
     """What the pictures ask of a state's positions (`guidance`)."""
     options = problem.options.gauss_newton
     rows, normals, _ = _compare(problem, reference, positions)
-    _, factor = huber(rows.residual, options.robust)
-    found = [Pull(rows.residual, rows.jacobian, rows.weight * factor / options.outline_scale**2)]
+    found = [_pull(rows, options.outline_scale, options.robust)]
+    scan = _scan(problem, positions)
+    if scan is not None:
+        found.append(_pull(scan, options.scan_scale, options.scan_robust))
     if normals is None:
         return found
     _, factor = huber(np.linalg.norm(normals.residual, axis=-1), options.normal_robust)
@@ -191,6 +200,11 @@ def pulls(problem: FitProblem, reference: Reference, positions: Array) -> list[P
     garment = replace(problem.tables.garment, positions=positions)
     jacobian = normal_jacobian(problem.observation.cameras, garment, normals.samples)
     return [*found, Pull(normals.residual.ravel()[used], jacobian[used], weight[used])]
+
+
+def _pull(rows: Rows, scale: float, limit: float) -> Pull:
+    _, factor = huber(rows.residual, limit)
+    return Pull(rows.residual, rows.jacobian, rows.weight * factor / scale**2)
 
 
 def make_model(
@@ -241,6 +255,14 @@ def make_model(
             limit=options.normal_robust,
         )
         felt = add(felt, by_normals)
+    if measurement.scan is not None:
+        by_scan = outline_model(
+            measurement.scan,
+            sensitivity.reshape(-1, len(reference.felt)),
+            scale=options.scan_scale,
+            limit=options.scan_robust,
+        )
+        felt = add(felt, by_scan)
     seam_jacobian = np.asarray(_seam_jacobian(at, unknowns.pattern, *_seam_data(problem)))
     return add(
         along_rows(felt, reference.felt),
@@ -269,7 +291,10 @@ def _compare(
     drawn = [_drawn(own, view) for own in contours for view in views]
     metres = _metres_per_pixel(cameras, np.mean(np.asarray(positions), axis=0))
     metres = np.tile(metres, len(contours))
-    rows = outline_rows(reference.targets, drawn, metres, len(positions))
+    if "mask" not in problem.options.active_weights:
+        drawn, metres = [], metres[:0]
+    targets = reference.targets[: len(drawn)]
+    rows = outline_rows(targets, drawn, metres, len(positions))
     return rows, _normals(problem, garment, whole.face), int(whole.unfinished.sum())
 
 
@@ -291,6 +316,14 @@ def _part_contours(
             attributes=jnp.zeros((len(corners), 0)),
         )
     return find_contours(problem.observation.cameras, replace(own, positions=positions), hiding)
+
+
+def _scan(problem: FitProblem, positions: Array) -> Rows | None:
+    """Distances of the scan, if there is one."""
+    if problem.scan is None:
+        return None
+    faces = np.asarray(problem.discretization.faces)
+    return scan_rows(problem.scan, np.asarray(positions, np.float64), faces)
 
 
 def _normals(
