@@ -105,7 +105,7 @@ def fit_pattern(
     Args:
         pattern: where to begin.
         wearer: the body in the pose of the views.
-        views: from `application.targets.read_targets`.
+        views: from `application.targets.read_targets`, or `scan_views`.
         folder: for checkpoints.
         drape_options: mesh and fabric; the Newton rule holds for every drape. Friction acts in the
             initial drape only (S8.9, S9.9); a strain limit is refused.
@@ -204,16 +204,19 @@ def fit_report(result: FitResult) -> dict[str, Any]:
         "loss": [record["loss"] for record in history],
         "history": history,
         "remeshed": result.course.remeshed,
-        "iou": {"start": before.iou, "end": after.iou},
+        "iou": {"start": before.iou, "end": after.iou} if result.views.has_mask else None,
         "stiffness_factors": np.exp(np.asarray(result.end.unknowns.log_stiffness)).tolist(),
         "pin_shift_m": np.asarray(result.end.unknowns.pin_shift).tolist(),
         "weights": dict(result.problem.options.active_weights),
         "settings": dict(result.state.settings),
         "chamfer_cm": None,
+        "scan_cm": None,
         "edge_length_error": None,
     }
     if before.chamfer is not None:
         content["chamfer_cm"] = {"start": before.chamfer, "end": after.chamfer}
+    if before.scan is not None:
+        content["scan_cm"] = {"start": before.scan, "end": after.scan}
     if before.median_length_error is not None:
         content["edge_length_error"] = {
             name: {"median": e.median_length_error, "max": e.largest_length_error}

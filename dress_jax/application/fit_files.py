@@ -31,7 +31,7 @@ def save_fit(folder: str | Path, result: FitResult, report: Mapping[str, Any]) -
     write_loss_figure(
         folder / "loss.png",
         [record["loss"] for record in result.course.history],
-        [record["iou"] for record in result.course.history],
+        [record["iou"] if result.views.has_mask else None for record in result.course.history],
     )
     rows, columns = comparison(result)
     write_comparison(folder / "comparison.png", rows, columns)
@@ -47,7 +47,8 @@ def save_fit(folder: str | Path, result: FitResult, report: Mapping[str, Any]) -
 def comparison(result: FitResult) -> tuple[dict[str, list[np.ndarray]], list[str]]:
     """Target, start and result from four of the target cameras, and the views' names.
 
-    The target is the true garment where it is known, the target picture otherwise.
+    The target is the true garment where it is known, the target picture otherwise; without either
+    there are start and result only.
     """
     views = result.views
     count = len(views.azimuths)
@@ -60,7 +61,7 @@ def comparison(result: FitResult) -> tuple[dict[str, list[np.ndarray]], list[str
         target = [_target_picture(result, int(i)) for i in chosen]
     first, last = np.asarray(result.first.discretization.faces), result.state.garment.faces
     rows = {
-        "target": target,
+        **({"target": target} if views.has_mask else {}),
         "start": _pictures(cameras, np.asarray(result.begin.positions), first, result.start),
         "result": _pictures(cameras, result.state.garment.vertices, last, result.start),
     }

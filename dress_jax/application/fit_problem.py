@@ -19,7 +19,11 @@ _GREY = 0.5
 
 def usable(options: FitOptions, views: TargetViews) -> FitOptions:
     """Without the terms for which the targets hold no pictures."""
-    absent = {"color": not views.has_color, "normal": not views.has_normal}
+    absent = {
+        "mask": not views.has_mask,
+        "color": not views.has_color,
+        "normal": not views.has_normal,
+    }
     weights = {name: w for name, w in options.weights.items() if not absent.get(name, False)}
     return dataclasses.replace(options, weights=weights)
 
@@ -64,6 +68,7 @@ def fit_problem(
         views.observation,
         options=fit_options,
         colors=np.tile(_mean_color(views), (len(garment.vertices), 1)),
+        scan=views.scan,
     )
 
 

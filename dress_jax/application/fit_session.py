@@ -72,11 +72,11 @@ def fit_fingerprint(
     """Digests of the inputs of a fit by name, so that a difference can be named."""
     shape = [(p.name, p.vertices, [(e.kind, e.controls) for e in p.edges]) for p in pattern.panels]
     seams = [repr(stitch) for stitch in pattern.stitches]
-    observation = views.observation
+    scan = None if views.scan is None else (views.scan.points, views.scan.complete)
     return {
         "pattern": fingerprint(shape, seams),
         "body": fingerprint(wearer.start, wearer.way, wearer.faces),
-        "targets": fingerprint(observation),
+        "targets": fingerprint(views.observation, scan),
         "options": fingerprint([repr(option) for option in options]),
     }
 

@@ -11,9 +11,11 @@ from jaxtyping import Array, Float, Int
 from dress_jax.application.progress import Progress, silent
 from dress_jax.core.errors import InputError
 from dress_jax.geometry.topology import connected_components
+from dress_jax.io.body_meshes import read_surface
 from dress_jax.io.images import Targets, load_targets, save_targets
 from dress_jax.io.meshes import GarmentMesh, read_garment_obj, write_garment_obj
 from dress_jax.io.results import DrapedState
+from dress_jax.optimisation import Scan, make_scan
 from dress_jax.optimisation.observation import Observation, make_observation
 from dress_jax.render.cameras import Camera, cameras_from_dict, cameras_to_dict, stack_cameras
 from dress_jax.render.images import check_image, render
@@ -22,6 +24,7 @@ from dress_jax.render.rings import frame_body, magicman_cameras
 from dress_jax.render.shading import BODY_COLOR, GARMENT_COLOR
 
 VIEWS, SIZE = 20, 512
+SCAN_VIEWS, SCAN_SIZE = 4, 128
 TRUTH = "garment.obj"
 """Name of the true garment in a target folder that was drawn from one."""
 
@@ -39,6 +42,8 @@ class TargetViews:
         azimuths: name of each view [degrees].
         has_color, has_normal: which pictures there were besides masks.
         truth: the true garment, where the folder holds it.
+        has_mask: whether the masks are to be fitted.
+        scan: of the garment, to be fitted as well; None without one.
     """
 
     observation: Observation
@@ -46,6 +51,8 @@ class TargetViews:
     has_color: bool
     has_normal: bool
     truth: GarmentMesh | None
+    has_mask: bool = True
+    scan: Scan | None = None
 
 
 def ring(
@@ -151,6 +158,60 @@ def read_targets(folder: str | Path) -> TargetViews:
         has_color=targets.rgb is not None,
         has_normal=targets.normal is not None,
         truth=read_garment_obj(truth) if truth.is_file() else None,
+    )
+
+
+def read_scan(path: str | Path, *, complete: bool = False) -> Scan:
+    """A scan of a garment: a mesh or a point cloud, in metres and in the frame of the body.
+
+    Args:
+        path: OBJ, PLY, GLB, glTF, STL or OFF file.
+        complete: see `optimisation.Scan`.
+
+    Raises:
+        InputError: the file is missing or broken, or holds no point.
+    """
+    vertices, faces = read_surface(path)
+    try:
+        return make_scan(vertices, faces if len(faces) else None, complete=complete)
+    except InputError as error:
+        raise InputError(str(error), where=str(path), mend="export the scan again") from error
+
+
+def scan_views(
+    scan: Scan,
+    body_vertices: Float[np.ndarray, "b 3"],
+    *,
+    views: int = SCAN_VIEWS,
+    size: int = SCAN_SIZE,
+) -> TargetViews:
+    """A scan alone as what a fit looks at: cameras for its pictures, and nothing in them.
+
+    Args:
+        scan: of the garment.
+        body_vertices: the body, which the cameras frame as well [m].
+        views, size: of the cameras.
+    """
+    azimuths, cameras = ring(np.concatenate([scan.points, body_vertices]), views=views, size=size)
+    stack = stack_cameras(cameras)
+    shape = (views, size, size)
+    empty = np.zeros((*shape, 3), np.float32)
+    return TargetViews(
+        observation=Observation(
+            cameras=stack,
+            mask=jnp.zeros(shape, jnp.float32),
+            parts=jnp.zeros((*shape, 1), jnp.float32),
+            color=jnp.asarray(empty),
+            normal=jnp.asarray(empty),
+            valid=jnp.zeros(shape, jnp.float32),
+            garment=jnp.zeros(shape, jnp.float32),
+        ),
+        azimuths=azimuths,
+        has_color=False,
+        has_normal=False,
+        truth=None,
+        has_mask=False,
+        scan=scan,
     )
 
 

@@ -1,8 +1,9 @@
 """The commands `fit` and `demo`. Heavy imports wait until a command runs."""
 
+import dataclasses
 import enum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import typer
 
@@ -35,8 +36,17 @@ class Method(enum.Enum):
 @command
 def fit(
     pattern: PatternFile,
-    targets: Annotated[Path, typer.Option(help="Folder of target views, as `render` writes.")],
     out: Out,
+    targets: Annotated[
+        Path | None, typer.Option(help="Folder of target views, as `render` writes.")
+    ] = None,
+    scan: Annotated[
+        Path | None,
+        typer.Option(help="Scan of the garment in metres, mesh or points, to fit to as well."),
+    ] = None,
+    scan_complete: Annotated[
+        bool, typer.Option("--scan-complete", help="The scan shows the whole garment.")
+    ] = False,
     body: Body = "default",
     pose: Pose = None,
     dressing_pose: DressingPose = None,
@@ -59,16 +69,23 @@ def fit(
         Path | None, typer.Option(help="The true pattern (JSON), to measure against.")
     ] = None,
 ) -> ExitCode:
-    """Fit a pattern to target views. Ctrl-C stops with a checkpoint; --resume goes on exactly."""
+    """Fit a pattern to target views, to a scan, or to both.
+
+    Ctrl-C stops with a checkpoint; --resume goes on exactly.
+    """
     from dress_jax.application.fit import fit_pattern, fit_report, scheduled
     from dress_jax.application.fit_files import save_fit
     from dress_jax.application.fit_run import FitInterrupted
-    from dress_jax.application.targets import read_targets
+    from dress_jax.application.targets import read_scan, read_targets, scan_views
     from dress_jax.application.wearer import find_wearer
+    from dress_jax.core.errors import InputError
     from dress_jax.io.patterns import load_pattern
     from dress_jax.io.results import prepare_folder
     from dress_jax.io.timing import stopwatch
-    from dress_jax.optimisation import FitMethod
+    from dress_jax.optimisation import FitMethod, Scan
+
+    if targets is None and scan is None:
+        raise InputError("there is nothing to fit to", mend="give --targets, --scan, or both")
 
     cloth_options = drape_options(edge_length, fabric, fabric_of, membrane, newton_limit)
     fit_options = scheduled(
@@ -76,9 +93,14 @@ def fit(
     )
     start = load_pattern(pattern)
     true_pattern = None if truth is None else load_pattern(truth)
-    views = read_targets(targets)
+    scanned = None if scan is None else read_scan(scan, complete=scan_complete)
+    views = None if targets is None else read_targets(targets)
     prepare_folder(out)
     wearer = find_wearer(body, pose=pose, shape=shape, dressing_pose=dressing_pose)
+    if views is not None:
+        views = dataclasses.replace(views, scan=scanned)
+    else:
+        views = scan_views(cast(Scan, scanned), wearer.vertices)
     try:
         with stopwatch() as seconds, stages() as progress:
             result = fit_pattern(
@@ -134,8 +156,11 @@ def summary(report: dict[str, Any]) -> list[tuple[Any, ...]]:
     crossings = report["intersections"]
     rows: list[tuple[Any, ...]] = [
         ("loss", losses[0] if losses else None, losses[-1] if losses else None),
-        ("mask IoU", report["iou"]["start"], report["iou"]["end"]),
     ]
+    if report["iou"]:
+        rows.append(("mask IoU", *_ends(report["iou"])))
+    if report["scan_cm"]:
+        rows.append(("mean distance of the scan [cm]", *_ends(report["scan_cm"])))
     if report["chamfer_cm"]:
         rows.append(("Chamfer distance [cm]", *_ends(report["chamfer_cm"])))
     if report["edge_length_error"]:

@@ -34,7 +34,7 @@ def load_body_mesh(
             height is no person's; the message names the likely unit and the option to give.
     """
     path = Path(path)
-    vertices, faces = _read(path)
+    vertices, faces = read_surface(path)
     if len(faces) == 0:
         raise InputError(
             "holds no faces", where=str(path), mend="give a surface mesh, not a point cloud"
@@ -52,7 +52,15 @@ def load_body_mesh(
     return vertices, faces
 
 
-def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
+def read_surface(
+    path: str | Path,
+) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
+    """Vertices and triangles of a mesh file as they are, no triangles for a point cloud.
+
+    Raises:
+        InputError: the file is missing or broken, or of a format that is not read.
+    """
+    path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(

@@ -8,7 +8,8 @@ from jaxtyping import Float, Num
 
 from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
-from dress_jax.loss.metrics import chamfer_distance, iou
+from dress_jax.geometry.nearest import nearest_on_surface
+from dress_jax.loss.metrics import CENTIMETRES_PER_METRE, chamfer_distance, iou
 from dress_jax.optimisation.observation import observe_meshes
 from dress_jax.optimisation.problem import FitProblem, fitted_pattern
 from dress_jax.optimisation.state import DrapedUnknowns
@@ -21,12 +22,14 @@ class Evaluation:
 
     Attributes:
         iou: of the masks, pixels of all views together.
+        scan: mean distance of the scan's points to the garment [cm].
         chamfer: symmetric mean distance to the true mesh [cm].
         median_length_error, largest_length_error: of pattern edges, relative to the true lengths.
     """
 
     iou: float
     chamfer: float | None = None
+    scan: float | None = None
     median_length_error: float | None = None
     largest_length_error: float | None = None
 
@@ -53,9 +56,13 @@ def evaluate(
     garment = replace(tables.garment, positions=state.positions, colors=state.unknowns.colors)
     drawn = observe_meshes(observation.cameras, garment, tables.occluder)
     valid = np.asarray(observation.valid) > 0.0
-    chamfer = median = largest = None
+    chamfer = scan = median = largest = None
+    faces = np.asarray(problem.discretization.faces)
+    if problem.scan is not None:
+        triangles = np.asarray(state.positions)[faces]
+        distance = nearest_on_surface(problem.scan.points, triangles).distance
+        scan = CENTIMETRES_PER_METRE * float(distance.mean())
     if true_mesh is not None:
-        faces = np.asarray(problem.discretization.faces)
         chamfer = chamfer_distance(np.asarray(state.positions), faces, *true_mesh)
     if true_pattern is not None:
         errors = length_errors(fitted_pattern(problem, state), true_pattern)
@@ -64,6 +71,7 @@ def evaluate(
     return Evaluation(
         iou=float(iou(np.asarray(drawn.mask) * valid, np.asarray(observation.mask) * valid)),
         chamfer=chamfer,
+        scan=scan,
         median_length_error=median,
         largest_length_error=largest,
     )

@@ -155,3 +155,29 @@ def test_a_fit_remeshes_and_resumes_exactly(fitted, inputs, tmp_path):
 def _same(a, b):
     pairs = zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
     return all(np.array_equal(x, y) for x, y in pairs)
+
+
+def test_a_fit_needs_something_to_fit_to(inputs, run, tmp_path):
+    result = run("fit", inputs / "skirt.json", "--out", tmp_path)
+    assert result.exit_code == 2 and "--scan" in result.stderr
+    empty = tmp_path / "empty.ply"
+    empty.write_text("not a mesh")
+    result = run("fit", inputs / "skirt.json", "--scan", empty, "--out", tmp_path)
+    assert result.exit_code == 2 and "empty.ply" in result.stderr
+
+
+@pytest.mark.slow
+def test_a_fit_to_a_scan(draped, inputs, fitted, run, tmp_path):
+    """The true drape's mesh, as a scanner would give it: no picture, no pattern."""
+    command = (
+        *("fit", fitted[0] / "start.json", "--scan", draped[0] / "garment.obj"),
+        *("--scan-complete", "--body", inputs / "body.obj", "--edge-length", EDGE_LENGTH),
+        *("--iterations", 6, "--truth", inputs / "skirt.json"),
+    )
+    result = run(*command, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["iou"] is None
+    assert report["scan_cm"]["end"] < 0.6 * report["scan_cm"]["start"]
+    errors = report["edge_length_error"]
+    assert errors["end"]["median"] < 0.5 * errors["start"]["median"]
