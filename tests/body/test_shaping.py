@@ -39,7 +39,7 @@ def test_what_is_not_asked_for_stays_ordinary():
         ("height=172", "give metres"),
         ("inseam=0.8", "unknown measures"),
         ("height=tall", "is no measure"),
-        ("bust=2.5", "no shape of this body"),
+        pytest.param("bust=2.5", "no shape of this body", marks=pytest.mark.slow),
     ],
 )
 def test_measures_that_no_body_has_are_refused(shape, message):

@@ -173,6 +173,7 @@ def test_a_drape_that_stops_early_is_written_and_told(inputs, run, tmp_path):
     assert report["intersections"] == {"self": 0, "body": 0}
 
 
+@pytest.mark.slow
 def test_a_garment_of_two_fabrics_that_tells_warp_from_weft(inputs, run, tmp_path):
     """The front of the skirt is of heavy denim: more mass hangs in front."""
     result = run(
@@ -187,6 +188,7 @@ def test_a_garment_of_two_fabrics_that_tells_warp_from_weft(inputs, run, tmp_pat
     assert settings["membrane"] == "orthotropic"
 
 
+@pytest.mark.slow
 def test_a_skirt_that_is_too_narrow_is_put_on_all_the_same(inputs, run, draped, tmp_path):
     """It is tight on the hips, where it is placed, and slides up to the waist."""
     save_pattern(scaled(small_skirt(), {"*": (0.72, 1.0)}), tmp_path / "narrow.json")
@@ -208,6 +210,7 @@ def test_a_skirt_that_is_too_narrow_is_put_on_all_the_same(inputs, run, draped, 
     assert upper[0] > upper[1] + 0.01
 
 
+@pytest.mark.slow
 def test_a_strain_limit_and_friction(inputs, run, tmp_path):
     """Both act in the drape, are kept with it, and bad limits are refused."""
     drape = ("drape", inputs / "skirt.json", "--body", inputs / "body.obj", "--edge-length", 0.06)

@@ -83,9 +83,8 @@ def test_the_new_mesh_maps_onto_the_initial_pattern(problem, state):
     )
 
 
-@pytest.mark.parametrize(
-    "method", [FitMethod.GAUSS_NEWTON, pytest.param(FitMethod.ADAM, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("method", FitMethod)
 def test_a_state_goes_on_with_another_mesh(fresh, method):
     problem, start = fresh(method=method, iterations=6)
     colors = np.random.default_rng(3).uniform(size=(problem.discretization.vertex_count, 3))

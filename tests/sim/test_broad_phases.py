@@ -51,6 +51,7 @@ def test_a_drape_is_the_same():
         np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.slow
 def test_a_step_with_friction_is_the_same():
     found = []
     for name in ("trees", "device"):
