@@ -21,7 +21,7 @@ from dress_jax.optimisation.gauss_newton.normal_equations import (
     damped_step,
     promised_decrease,
 )
-from dress_jax.optimisation.gauss_newton.trial import Iterate, make_reference_once, try_step
+from dress_jax.optimisation.gauss_newton.trial import Iterate, guided, make_reference_once, try_step
 from dress_jax.optimisation.gauss_newton.vector import as_vector, from_vector, step_limits
 from dress_jax.optimisation.problem import FitProblem
 from dress_jax.optimisation.remeshing import at_new_vertices, transfer_weights
@@ -203,7 +203,8 @@ def carry_over(
     weights = transfer_weights(old, new, state.unknowns.pattern)
     unknowns = replace(state.unknowns, colors=at_new_vertices(state.unknowns.colors, weights))
     iteration = int(state.iteration)
-    settled = settle(new, unknowns, positions)
+    # The new garment's folds are its own; the pictures say which the old one's were.
+    settled = guided(new, unknowns, settle(new, unknowns, positions))
     trial = try_step(
         new, unknowns, settled, np.inf, center=state.center, iteration=iteration, clock=clock
     )

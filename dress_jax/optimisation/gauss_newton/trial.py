@@ -128,13 +128,7 @@ def try_step(
         return Trial(dataclasses.replace(info, **changes), reached)
 
     if isinstance(start, tuple):
-        positions = guided_start(
-            problem.simulator,
-            parameters,
-            _prediction(problem, *start, parameters),
-            lambda x: pulls(problem, reference, x),
-            problem.options.gauss_newton.guidance,
-        )
+        positions = _guided(problem, parameters, _prediction(problem, *start, parameters))
         stages.done("guidance")
     else:
         positions = start
@@ -170,6 +164,24 @@ def try_step(
         stages.done("loss")
         return ended(info, _iterate(unknowns, positions, measured.cost, model))
     raise AssertionError("unreachable: every attempt returns or is followed by another")
+
+
+def guided(problem: FitProblem, unknowns: Unknowns, positions: Array) -> Array:
+    """Where to begin the drape of some unknowns, from a state [m] toward the pictures."""
+    rest = rest_shape(problem, unknowns.pattern)
+    parameters = fitted_parameters(problem, rest, unknowns.log_stiffness, unknowns.pin_shift)
+    return _guided(problem, parameters, positions)
+
+
+def _guided(problem: FitProblem, parameters: Parameters, positions: Array) -> Array:
+    reference = make_reference_once(problem)
+    return guided_start(
+        problem.simulator,
+        parameters,
+        positions,
+        lambda x: pulls(problem, reference, x),
+        problem.options.gauss_newton.guidance,
+    )
 
 
 def _iterate(unknowns: Unknowns, positions: Array, cost: float, model: Model) -> Iterate:
