@@ -77,6 +77,17 @@ def at_new_vertices(colors: Any, weights: scipy.sparse.csr_array) -> Any:
     return jax.tree.map(moved, colors)
 
 
+def pin_change(old: FitProblem, new: FitProblem) -> Float[Array, "3"]:
+    """What keeps pins where they were when a garment is put on again: added to their shift [m].
+
+    Dressing finds a height of its own for the waist loop; the fitted one is known better.
+    """
+    before, after = old.parameters.pin_targets, new.parameters.pin_targets
+    if not len(before) or not len(after):
+        return jnp.zeros(3)
+    return jnp.mean(before, axis=0) - jnp.mean(after, axis=0)
+
+
 def needs_remeshing(problem: FitProblem, state: DrapedUnknowns) -> bool:
     """Whether a state's triangles are distorted beyond `FitOptions.remesh_distortion` (S13.1)."""
     return distortion(problem, state.unknowns.pattern) > problem.options.remesh_distortion

@@ -19,6 +19,7 @@ from dress_jax.optimisation import (
     step,
 )
 from dress_jax.optimisation.problem import rest_shape, validated_pattern
+from dress_jax.optimisation.remeshing import pin_change
 from dress_jax.pattern import discretize, pattern_parameters, with_parameters
 
 
@@ -81,6 +82,17 @@ def test_the_new_mesh_maps_onto_the_initial_pattern(problem, state):
     np.testing.assert_allclose(
         new.tables.reference_areas, problem.tables.reference_areas, rtol=5e-3
     )
+
+
+def test_pins_stay_where_they_were(problem, state):
+    new, _ = remeshed(problem, state.unknowns)
+    lower = dataclasses.replace(
+        new,
+        parameters=replace(
+            new.parameters, pin_targets=new.parameters.pin_targets - jnp.array([[0.0, 0.03, 0.0]])
+        ),
+    )
+    np.testing.assert_allclose(pin_change(problem, lower), [0.0, 0.03, 0.0], atol=2e-3)
 
 
 @pytest.mark.slow

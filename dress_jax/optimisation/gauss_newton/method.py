@@ -24,7 +24,7 @@ from dress_jax.optimisation.gauss_newton.normal_equations import (
 from dress_jax.optimisation.gauss_newton.trial import Iterate, guided, make_reference_once, try_step
 from dress_jax.optimisation.gauss_newton.vector import as_vector, from_vector, step_limits
 from dress_jax.optimisation.problem import FitProblem
-from dress_jax.optimisation.remeshing import at_new_vertices, transfer_weights
+from dress_jax.optimisation.remeshing import at_new_vertices, pin_change, transfer_weights
 from dress_jax.optimisation.report import FitInfo
 from dress_jax.optimisation.state import Unknowns
 
@@ -201,12 +201,18 @@ def carry_over(
 ) -> tuple[GaussNewtonState | None, FitInfo]:
     """The best state on another mesh: see `loop.carry_over`."""
     weights = transfer_weights(old, new, state.unknowns.pattern)
-    unknowns = replace(state.unknowns, colors=at_new_vertices(state.unknowns.colors, weights))
+    unknowns = replace(
+        state.unknowns,
+        colors=at_new_vertices(state.unknowns.colors, weights),
+        pin_shift=state.unknowns.pin_shift + pin_change(old, new),
+    )
     iteration = int(state.iteration)
+    # The pins' shift comes last in the vector, and its centre moves with it.
+    center = state.center.at[-3:].add(pin_change(old, new))
     # The new garment's folds are its own; the pictures say which the old one's were.
     settled = guided(new, unknowns, settle(new, unknowns, positions))
     trial = try_step(
-        new, unknowns, settled, np.inf, center=state.center, iteration=iteration, clock=clock
+        new, unknowns, settled, np.inf, center=center, iteration=iteration, clock=clock
     )
     reached = trial.reached
     if reached is None:
@@ -215,6 +221,7 @@ def carry_over(
         state,
         best=reached,
         current=reached,
+        center=center,
         damping=jnp.asarray(new.options.gauss_newton.damping),
         excursion=jnp.asarray(0),
         idle=jnp.asarray(0),
