@@ -12,6 +12,7 @@ from dress_jax.application.fit_problem import fit_problem
 from dress_jax.application.fit_session import (
     Course,
     as_record,
+    finite_or_none,
     load_course,
     load_mesh,
     load_progress,
@@ -85,21 +86,24 @@ class FitInputs:
 
     def put_on(
         self, discretization: Discretization, problem: FitProblem, progress: Progress
-    ) -> DrapedState:
-        """The garment of a new mesh, put on: as it was fitted, or where that fails as it began.
+    ) -> tuple[DrapedState, str]:
+        """The garment of a new mesh: as it was fitted, or where that cannot be put on as it began.
 
         The fitted garment comes to hang as it would for anyone who drapes it; the initial one is
         known to go on (S13.4).
+
+        Returns:
+            The garment, and which of the two it is.
 
         Raises:
             InputError: neither can be put on.
         """
         meshed = np.asarray(discretization.meshed_positions)
         try:
-            return self._put_on(discretization, meshed, progress)
+            return self._put_on(discretization, meshed, progress), "fitted pattern"
         except InputError:
             rest = pulled_back(problem, discretization)
-            return self._put_on(discretization, rest, progress)
+            return self._put_on(discretization, rest, progress), "initial pattern"
 
     def _put_on(
         self, discretization: Discretization, rest: np.ndarray, progress: Progress
@@ -258,13 +262,16 @@ class _Run:
             Whether the fit goes on with the new mesh.
         """
         began, before = time.perf_counter(), distortion(self.problem, self.state.unknowns.pattern)
-        record: dict[str, Any] = {"iteration": int(self.state.iteration), "distortion": before}
+        record: dict[str, Any] = {
+            "iteration": int(self.state.iteration),
+            "distortion": finite_or_none(before),
+        }
         course, inputs, number = self.course, self.inputs, self.course.mesh + 1
         meshed = validated_pattern(self.problem, self.state.unknowns.pattern)
         state = None
         try:
             discretization = inputs.mesh(meshed)
-            start = inputs.put_on(discretization, self.problem, self.progress)
+            start, record["put_on"] = inputs.put_on(discretization, self.problem, self.progress)
             problem = inputs.problem(discretization, start)
             state, info = carry_over(
                 self.problem,
@@ -273,7 +280,11 @@ class _Run:
                 start.garment.vertices,
                 clock=time.perf_counter,
             )
-            record |= {"outcome": info.outcome.value, "loss": info.loss, "iou": info.iou}
+            record |= {
+                "outcome": info.outcome.value,
+                "loss": finite_or_none(info.loss),
+                "iou": finite_or_none(info.iou),
+            }
         except InputError as error:
             record["outcome"] = str(error)
         if state is not None and unless_worse:

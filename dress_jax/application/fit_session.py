@@ -185,19 +185,19 @@ def as_record(info: FitInfo, state: AnyState) -> dict[str, Any]:
     return {
         "iteration": info.iteration,
         "outcome": info.outcome.name.lower(),
-        "loss": _number(info.loss),
-        "terms": {name: _number(value) for name, value in info.terms.items()},
-        "iou": _number(info.iou),
+        "loss": finite_or_none(info.loss),
+        "terms": {name: finite_or_none(value) for name, value in info.terms.items()},
+        "iou": finite_or_none(info.iou),
         "newton_iterations": info.newton_iterations,
-        "remaining_step_m": _number(info.remaining_step),
+        "remaining_step_m": finite_or_none(info.remaining_step),
         "intersections": info.intersections,
         "rate_scale": info.rate_scale,
-        "cost": _number(info.cost),
-        "outline_m": _number(info.outline),
-        "damping": _number(info.damping),
+        "cost": finite_or_none(info.cost),
+        "outline_m": finite_or_none(info.outline),
+        "damping": finite_or_none(info.damping),
         "unfinished_contours": info.unfinished,
         "stiffness_factors": factors.tolist(),
-        "seconds": {name: _number(value) for name, value in info.seconds.items()},
+        "seconds": {name: finite_or_none(value) for name, value in info.seconds.items()},
     }
 
 
@@ -206,7 +206,8 @@ def last_loss(history: Sequence[dict[str, Any]]) -> float | None:
     return next((h["loss"] for h in reversed(history) if h["loss"] is not None), None)
 
 
-def _number(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
+    """A value that JSON can hold: None for what is not finite."""
     return float(value) if math.isfinite(value) else None
 
 

@@ -16,7 +16,7 @@ from dress_jax.optimisation.draping import Clock, does_not_drape, initial_unknow
 from dress_jax.optimisation.flip_guard import guard_flips
 from dress_jax.optimisation.optimizer import corner_links, init_optimizer, propose, rates
 from dress_jax.optimisation.problem import FitProblem, corner_panels
-from dress_jax.optimisation.remeshing import at_new_vertices, pin_change, transfer_weights
+from dress_jax.optimisation.remeshing import at_new_vertices, carried_unknowns, transfer_weights
 from dress_jax.optimisation.report import FitInfo
 from dress_jax.optimisation.state import FitState
 from dress_jax.optimisation.trial import try_unknowns
@@ -112,11 +112,7 @@ def carry_over(
 ) -> tuple[FitState | None, FitInfo]:
     """The state on another mesh: see `loop.carry_over`."""
     weights = transfer_weights(old, new, state.unknowns.pattern)
-    unknowns = replace(
-        state.unknowns,
-        colors=at_new_vertices(state.unknowns.colors, weights),
-        pin_shift=state.unknowns.pin_shift + pin_change(old, new),
-    )
+    unknowns = carried_unknowns(old, new, state.unknowns, weights)
     iteration = int(state.iteration)
     settled = settle(new, unknowns, positions)
     trial = try_unknowns(new, unknowns, settled, iteration=iteration, clock=clock)

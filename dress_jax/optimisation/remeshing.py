@@ -17,8 +17,9 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Array, Float
 
+from dress_jax.core.pytree import replace
 from dress_jax.optimisation.problem import FitProblem, rest_shape
-from dress_jax.optimisation.state import DrapedUnknowns
+from dress_jax.optimisation.state import DrapedUnknowns, Unknowns
 from dress_jax.pattern import Discretization, pattern_parameters, rest_positions
 from dress_jax.pattern.parameters import PatternParameters
 from dress_jax.pattern.transfer import vertex_transfer
@@ -86,6 +87,17 @@ def pin_change(old: FitProblem, new: FitProblem) -> Float[Array, "3"]:
     if not len(before) or not len(after):
         return jnp.zeros(3)
     return jnp.mean(before, axis=0) - jnp.mean(after, axis=0)
+
+
+def carried_unknowns(
+    old: FitProblem, new: FitProblem, unknowns: Unknowns, weights: scipy.sparse.csr_array
+) -> Unknowns:
+    """The unknowns on another mesh: the same pattern, colours looked up, pins where they were."""
+    return replace(
+        unknowns,
+        colors=at_new_vertices(unknowns.colors, weights),
+        pin_shift=unknowns.pin_shift + pin_change(old, new),
+    )
 
 
 def needs_remeshing(problem: FitProblem, state: DrapedUnknowns) -> bool:

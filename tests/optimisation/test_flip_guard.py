@@ -9,8 +9,14 @@ from dress_jax.core.pytree import replace
 from dress_jax.optimisation import FitMethod, StepOutcome, init, step
 from dress_jax.optimisation.draping import relative_areas, smallest_relative_area
 from dress_jax.optimisation.first_order import propose
-from dress_jax.optimisation.flip_guard import guard_flips
+from dress_jax.optimisation.flip_guard import (
+    _area_slopes,
+    _as_vector,
+    _rest_and_jacobian,
+    guard_flips,
+)
 from dress_jax.optimisation.problem import rest_shape
+from tests.central_differences import central_difference
 
 
 def smallest(problem, unknowns):
@@ -61,6 +67,25 @@ def test_flips_are_undone(problem, state, change):
     # No area is lifted further than it must: the bound is active.
     assert relative_areas(problem, end).min() < 1.2 * bound
     assert leaves_equal(mended.unknowns.colors, bad.colors)
+
+
+def test_slopes_of_areas_against_differences(problem, state):
+    pattern = proposal(state, control=(0.1, 0.2), corner=(0.01, -0.02)).pattern
+    data = (pattern, problem.tables.symmetry, problem.discretization)
+    at = _as_vector(pattern)
+    rest, jacobian = (np.asarray(part) for part in _rest_and_jacobian(at, *data))
+    every = np.arange(len(np.asarray(problem.discretization.rest_faces)))
+    slopes = _area_slopes(problem, rest, jacobian, every)
+    rng = np.random.default_rng(6)
+    way, weights = rng.normal(size=len(at)), rng.normal(size=len(every))
+
+    def value(length):
+        moved, _ = _rest_and_jacobian(at + length * way, *data)
+        return weights @ relative_areas(problem, np.asarray(moved))
+
+    slope = float(weights @ (slopes @ way))
+    assert abs(slope) > 1e-2
+    assert central_difference(value, 1e-5) == pytest.approx(slope, rel=1e-8)
 
 
 def test_the_guard_can_be_left_out(problem, state):

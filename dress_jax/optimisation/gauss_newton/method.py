@@ -24,7 +24,7 @@ from dress_jax.optimisation.gauss_newton.normal_equations import (
 from dress_jax.optimisation.gauss_newton.trial import Iterate, guided, make_reference_once, try_step
 from dress_jax.optimisation.gauss_newton.vector import as_vector, from_vector, step_limits
 from dress_jax.optimisation.problem import FitProblem
-from dress_jax.optimisation.remeshing import at_new_vertices, pin_change, transfer_weights
+from dress_jax.optimisation.remeshing import carried_unknowns, pin_change, transfer_weights
 from dress_jax.optimisation.report import FitInfo
 from dress_jax.optimisation.state import Unknowns
 
@@ -201,11 +201,7 @@ def carry_over(
 ) -> tuple[GaussNewtonState | None, FitInfo]:
     """The best state on another mesh: see `loop.carry_over`."""
     weights = transfer_weights(old, new, state.unknowns.pattern)
-    unknowns = replace(
-        state.unknowns,
-        colors=at_new_vertices(state.unknowns.colors, weights),
-        pin_shift=state.unknowns.pin_shift + pin_change(old, new),
-    )
+    unknowns = carried_unknowns(old, new, state.unknowns, weights)
     iteration = int(state.iteration)
     # The pins' shift comes last in the vector, and its centre moves with it.
     center = state.center.at[-3:].add(pin_change(old, new))
