@@ -1,11 +1,11 @@
 """The cost of a drape, and its quadratic model in the unknowns.
 
 Outlines of the drawn garment against outlines of the masks, normals against normals, and the prior.
-The unknowns are the
-pattern, the two stiffnesses and the pins, as one vector; colours stay as they are.
+The unknowns are the pattern, the stiffnesses and the pins, as one vector; colours stay as they are.
 """
 
 import dataclasses
+import functools
 import math
 from typing import Any
 
@@ -22,27 +22,21 @@ from dress_jax.optimisation.gauss_newton.normal_equations import (
     Model,
     add,
     along_rows,
-    huber,
     mean_square_model,
-    normal_cost,
-    normal_model,
-    outline_cost,
-    outline_model,
     prior_model,
 )
 from dress_jax.optimisation.gauss_newton.normals import (
-    NormalRows,
     choose_samples,
     normal_jacobian,
     normal_rows,
 )
 from dress_jax.optimisation.gauss_newton.outline import (
     Drawn,
-    Rows,
     Target,
     outline_rows,
 )
 from dress_jax.optimisation.gauss_newton.prior import Quadratic, edge_strain_matrix
+from dress_jax.optimisation.gauss_newton.residuals import Residuals, length_residuals
 from dress_jax.optimisation.gauss_newton.scan_rows import scan_rows
 from dress_jax.optimisation.gauss_newton.vector import (
     FACTORS,
@@ -85,18 +79,14 @@ class Measurement:
         cost: see `GaussNewtonOptions`.
         outline: root mean square distance of the outlines [m].
         unfinished: contours that could not be followed.
-        rows: distances of the outlines.
-        normals: differences of the normals, or None where they are not compared.
-        scan: distances of a scan, or None where there is none.
+        felt: differences that the drape can feel, kind by kind.
         seams: changes of length differences [m].
     """
 
     cost: float
     outline: float
     unfinished: int
-    rows: Rows
-    normals: NormalRows | None
-    scan: Rows | None
+    felt: tuple[Residuals, ...]
     seams: Float[np.ndarray, " stitches"]
 
 
@@ -158,53 +148,23 @@ def measure(
         positions: their drape [m], (n, 3).
     """
     options = problem.options.gauss_newton
-    rows, normals, unfinished = _compare(problem, reference, positions)
+    felt, unfinished = _compare(problem, reference, positions)
     seams = np.asarray(_seam_changes(as_vector(unknowns), unknowns.pattern, *_seam_data(problem)))
-    cost = outline_cost(rows, scale=options.outline_scale, limit=options.robust)
-    if normals is not None:
-        cost += normal_cost(
-            normals.residual,
-            normals.weight,
-            scale=options.normal_scale,
-            limit=options.normal_robust,
-        )
-    scan = _scan(problem, positions)
-    if scan is not None:
-        cost += outline_cost(scan, scale=options.scan_scale, limit=options.scan_robust)
-    cost += prior.value(as_vector(unknowns))
+    cost = sum(residuals.cost for residuals in felt) + prior.value(as_vector(unknowns))
     cost += 0.5 * float(np.mean((seams / options.seam_scale) ** 2)) if len(seams) else 0.0
+    outline = felt[0]
     return Measurement(
         cost=cost,
-        outline=math.sqrt(float(np.sum(rows.weight * rows.residual**2))),
+        outline=math.sqrt(float(np.sum(outline.weight * outline.value[:, 0] ** 2))),
         unfinished=unfinished,
-        rows=rows,
-        normals=normals,
-        scan=scan,
+        felt=felt,
         seams=seams,
     )
 
 
 def pulls(problem: FitProblem, reference: Reference, positions: Array) -> list[Pull]:
-    """What the pictures ask of a state's positions (`guidance`)."""
-    options = problem.options.gauss_newton
-    rows, normals, _ = _compare(problem, reference, positions)
-    found = [_pull(rows, options.outline_scale, options.robust)]
-    scan = _scan(problem, positions)
-    if scan is not None:
-        found.append(_pull(scan, options.scan_scale, options.scan_robust))
-    if normals is None:
-        return found
-    _, factor = huber(np.linalg.norm(normals.residual, axis=-1), options.normal_robust)
-    weight = np.repeat((normals.weight * factor).ravel() / options.normal_scale**2, 3)
-    used = weight > 0.0
-    garment = replace(problem.tables.garment, positions=positions)
-    jacobian = normal_jacobian(problem.observation.cameras, garment, normals.samples)
-    return [*found, Pull(normals.residual.ravel()[used], jacobian[used], weight[used])]
-
-
-def _pull(rows: Rows, scale: float, limit: float) -> Pull:
-    _, factor = huber(rows.residual, limit)
-    return Pull(rows.residual, rows.jacobian, rows.weight * factor / scale**2)
+    """What the observations ask of a state's positions (`guidance`)."""
+    return [residuals.pull() for residuals in _compare(problem, reference, positions)[0]]
 
 
 def make_model(
@@ -237,32 +197,8 @@ def make_model(
     # A copy, as for the drapes; see `optimisation.trial.try_unknowns`.
     simulator = dataclasses.replace(problem.simulator)
     sensitivity = static_sensitivity(simulator, parameters, np.asarray(positions), directions)
-    felt = outline_model(
-        measurement.rows,
-        sensitivity.reshape(-1, len(reference.felt)),
-        scale=options.outline_scale,
-        limit=options.robust,
-    )
-    if measurement.normals is not None:
-        rows = measurement.normals
-        garment = replace(problem.tables.garment, positions=positions)
-        by_normals = normal_model(
-            rows.residual,
-            rows.weight,
-            normal_jacobian(problem.observation.cameras, garment, rows.samples),
-            sensitivity.reshape(-1, len(reference.felt)),
-            scale=options.normal_scale,
-            limit=options.normal_robust,
-        )
-        felt = add(felt, by_normals)
-    if measurement.scan is not None:
-        by_scan = outline_model(
-            measurement.scan,
-            sensitivity.reshape(-1, len(reference.felt)),
-            scale=options.scan_scale,
-            limit=options.scan_robust,
-        )
-        felt = add(felt, by_scan)
+    sensitivity = sensitivity.reshape(-1, len(reference.felt))
+    felt = add(*(residuals.model(sensitivity) for residuals in measurement.felt))
     seam_jacobian = np.asarray(_seam_jacobian(at, unknowns.pattern, *_seam_data(problem)))
     return add(
         along_rows(felt, reference.felt),
@@ -276,8 +212,8 @@ def make_model(
 
 def _compare(
     problem: FitProblem, reference: Reference, positions: Array
-) -> tuple[Rows, NormalRows | None, int]:
-    """Outlines and normals of a state against the pictures, and contours without an end."""
+) -> tuple[tuple[Residuals, ...], int]:
+    """A state against the observations, outlines first; and contours without an end."""
     tables, cameras = problem.tables, problem.observation.cameras
     garment = replace(tables.garment, positions=positions)
     whole = jax.tree.map(np.asarray, find_contours(cameras, garment, tables.occluder))
@@ -287,15 +223,27 @@ def _compare(
             jax.tree.map(np.asarray, _part_contours(problem, *part, positions))
             for part in tables.parts
         ]
+    found = [
+        _outlines(problem, reference, contours, positions),
+        _normals(problem, garment, whole.face),
+        _scan(problem, positions),
+    ]
+    return tuple(f for f in found if f is not None), int(whole.unfinished.sum())
+
+
+def _outlines(
+    problem: FitProblem, reference: Reference, contours: list[Contour], positions: Array
+) -> Residuals:
+    """Distances of the outlines; none where masks do not count."""
+    options, cameras = problem.options.gauss_newton, problem.observation.cameras
     views = range(problem.observation.view_count)
     drawn = [_drawn(own, view) for own in contours for view in views]
     metres = _metres_per_pixel(cameras, np.mean(np.asarray(positions), axis=0))
     metres = np.tile(metres, len(contours))
     if "mask" not in problem.options.active_weights:
         drawn, metres = [], metres[:0]
-    targets = reference.targets[: len(drawn)]
-    rows = outline_rows(targets, drawn, metres, len(positions))
-    return rows, _normals(problem, garment, whole.face), int(whole.unfinished.sum())
+    rows = outline_rows(reference.targets[: len(drawn)], drawn, metres, len(positions))
+    return length_residuals("outlines", *rows, scale=options.outline_scale, limit=options.robust)
 
 
 def _part_contours(
@@ -318,28 +266,39 @@ def _part_contours(
     return find_contours(problem.observation.cameras, replace(own, positions=positions), hiding)
 
 
-def _scan(problem: FitProblem, positions: Array) -> Rows | None:
+def _scan(problem: FitProblem, positions: Array) -> Residuals | None:
     """Distances of the scan, if there is one."""
     if problem.scan is None:
         return None
-    faces = np.asarray(problem.discretization.faces)
-    return scan_rows(problem.scan, np.asarray(positions, np.float64), faces)
+    options, faces = problem.options.gauss_newton, np.asarray(problem.discretization.faces)
+    rows = scan_rows(problem.scan, np.asarray(positions, np.float64), faces)
+    return length_residuals("scan", *rows, scale=options.scan_scale, limit=options.scan_robust)
 
 
 def _normals(
     problem: FitProblem, garment: RenderMesh, face: Int[np.ndarray, "v h w"]
-) -> NormalRows | None:
+) -> Residuals | None:
     """Differences of the normals, unless their weight is zero or nothing is seen of both."""
     if "normal" not in problem.options.active_weights:
         return None
-    observation = problem.observation
+    observation, options = problem.observation, problem.options.gauss_newton
     samples = choose_samples(
         face,
         np.asarray(observation.normal),
         np.asarray(observation.garment),
-        problem.options.gauss_newton.normal_stride,
+        options.normal_stride,
     )
-    return normal_rows(observation.cameras, garment, samples) if samples.used.any() else None
+    if not samples.used.any():
+        return None
+    rows = normal_rows(observation.cameras, garment, samples)
+    return Residuals(
+        "normals",
+        rows.residual.reshape(-1, 3),
+        rows.weight.ravel(),
+        functools.partial(normal_jacobian, observation.cameras, garment, samples),
+        options.normal_scale,
+        options.normal_robust,
+    )
 
 
 def predict_displacement(
