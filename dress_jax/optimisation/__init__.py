@@ -5,6 +5,7 @@ from dress_jax.optimisation.evaluation import evaluate as evaluate
 from dress_jax.optimisation.evaluation import length_errors as length_errors
 from dress_jax.optimisation.gauss_newton.method import GaussNewtonState as GaussNewtonState
 from dress_jax.optimisation.gauss_newton.options import GaussNewtonOptions as GaussNewtonOptions
+from dress_jax.optimisation.landmarks import Landmark as Landmark
 from dress_jax.optimisation.loop import AnyState as AnyState
 from dress_jax.optimisation.loop import blank_state as blank_state
 from dress_jax.optimisation.loop import carry_over as carry_over

@@ -1,6 +1,7 @@
 """One pattern, one body, one observation: what a fit works on."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +15,7 @@ from dress_jax.loss.area_ratio import panel_areas
 from dress_jax.loss.corners import corner_signs
 from dress_jax.loss.laplacian import interior_vertices
 from dress_jax.loss.seam_length import seam_ratios
+from dress_jax.optimisation.landmarks import Landmark, check_landmarks
 from dress_jax.optimisation.observation import Observation, part_channels
 from dress_jax.optimisation.options import FitMethod, FitOptions
 from dress_jax.optimisation.parts import assign_parts, merged
@@ -94,6 +96,7 @@ class FitProblem:
         colors: vertex colours to begin with, (n, 3).
         tables: constants of the losses.
         scan: of the garment, which Gauss-Newton compares with as well; None without one.
+        landmarks: likewise.
     """
 
     pattern: Pattern
@@ -105,6 +108,7 @@ class FitProblem:
     colors: Float[np.ndarray, "n 3"]
     tables: Tables
     scan: Scan | None = None
+    landmarks: tuple[Landmark, ...] = ()
 
 
 def make_problem(
@@ -118,6 +122,7 @@ def make_problem(
     colors: Float[np.ndarray, "n 3"] | None = None,
     occluder: RenderMesh | None = None,
     scan: Scan | None = None,
+    landmarks: Sequence[Landmark] = (),
 ) -> FitProblem:
     """Put a fit together and check that its parts fit each other.
 
@@ -132,6 +137,7 @@ def make_problem(
         occluder: what hides the garment in the images; the simulator's body when None.
         scan: of the garment, from `make_scan`. For a scan alone, leave the weights of the images
             out; the observation is then only drawn for reports.
+        landmarks: points of seams and hems whose place is known; Gauss-Newton only.
 
     Raises:
         InputError: friction is on, or the parts do not belong together.
@@ -144,10 +150,13 @@ def make_problem(
             where="make_problem",
             mend="make the simulator with friction=False",
         )
-    if scan is not None and options.method is FitMethod.ADAM:
+    if options.method is FitMethod.ADAM and (scan is not None or landmarks):
         raise InputError(
-            "Adam does not look at scans", where="make_problem", mend="use Gauss-Newton"
+            "Adam does not look at scans and landmarks",
+            where="make_problem",
+            mend="use Gauss-Newton",
         )
+    check_landmarks(landmarks, pattern, observation.view_count)
     start = pattern_parameters(pattern)
     _check(discretization, simulator, parameters, start.vertices.shape[0])
     views = options.views_per_iteration
@@ -201,6 +210,7 @@ def make_problem(
         colors=colors,
         tables=tables,
         scan=scan,
+        landmarks=tuple(landmarks),
     )
 
 

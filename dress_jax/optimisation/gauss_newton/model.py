@@ -12,12 +12,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.sparse
 from jaxtyping import Array, Float, Int
 
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import STRETCHING_LEAVES, Parameters
 from dress_jax.optimisation.draping import fitted_parameters, initial_unknowns
 from dress_jax.optimisation.gauss_newton.guidance import Pull
+from dress_jax.optimisation.gauss_newton.landmark_rows import rows_in_pictures, rows_in_space
 from dress_jax.optimisation.gauss_newton.normal_equations import (
     Model,
     add,
@@ -227,6 +229,7 @@ def _compare(
         _outlines(problem, reference, contours, positions),
         _normals(problem, garment, whole.face),
         _scan(problem, positions),
+        *_landmarks(problem, positions),
     ]
     return tuple(f for f in found if f is not None), int(whole.unfinished.sum())
 
@@ -273,6 +276,31 @@ def _scan(problem: FitProblem, positions: Array) -> Residuals | None:
     options, faces = problem.options.gauss_newton, np.asarray(problem.discretization.faces)
     rows = scan_rows(problem.scan, np.asarray(positions, np.float64), faces)
     return length_residuals("scan", *rows, scale=options.scan_scale, limit=options.scan_robust)
+
+
+def _landmarks(problem: FitProblem, positions: Array) -> list[Residuals]:
+    """Differences of the landmarks in space, and of those in pictures."""
+    if not problem.landmarks:
+        return []
+    options, at = problem.options.gauss_newton, np.asarray(positions, np.float64)
+    data = (problem.landmarks, problem.discretization, at)
+    rows = rows_in_space(*data), rows_in_pictures(*data, problem.observation.cameras)
+    return [
+        Residuals(
+            "landmarks",
+            own.value,
+            np.full(len(own.value), 1.0 / len(own.value)),
+            functools.partial(_same, own.jacobian),
+            options.landmark_scale,
+            options.landmark_robust,
+        )
+        for own in rows
+        if len(own.value)
+    ]
+
+
+def _same(jacobian: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
+    return jacobian
 
 
 def _normals(

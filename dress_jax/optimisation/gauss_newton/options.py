@@ -22,6 +22,8 @@ class GaussNewtonOptions:
         normal_stride: distance of the pixels at which normals are compared [px].
         scan_scale: distance of a scan [m].
         scan_robust: distance beyond which a point of a scan pulls with constant strength [m].
+        landmark_scale: distance of landmarks [m].
+        landmark_robust: distance beyond which a landmark pulls with constant strength [m].
         guidance: rounds in which a drape is pulled toward the pictures before it is let go
             (`guidance`); 0 begins where the sensitivities predict it.
         shape_scale: strain of pattern edges beyond what one linear map per panel explains.
@@ -52,6 +54,8 @@ class GaussNewtonOptions:
     normal_stride: int = 6
     scan_scale: float = 0.005
     scan_robust: float = 0.05
+    landmark_scale: float = 0.01
+    landmark_robust: float = 0.05
     guidance: int = 3
     shape_scale: float = 0.25
     size_scale: float = 0.6
