@@ -30,6 +30,7 @@ from dress_jax.optimisation import (
     evaluate,
     fitted_pattern,
     length_errors,
+    named_values,
 )
 from dress_jax.optimisation.draping import fitted_parameters
 from dress_jax.optimisation.problem import rest_shape
@@ -205,7 +206,9 @@ def fit_report(result: FitResult) -> dict[str, Any]:
         "history": history,
         "remeshed": result.course.remeshed,
         "iou": {"start": before.iou, "end": after.iou} if result.views.has_mask else None,
-        "stiffness_factors": np.exp(np.asarray(result.end.unknowns.log_stiffness)).tolist(),
+        "fabric": named_values(
+            result.problem.tables.fabric, np.asarray(result.end.unknowns.log_stiffness)
+        ),
         "pin_shift_m": np.asarray(result.end.unknowns.pin_shift).tolist(),
         "weights": dict(result.problem.options.active_weights),
         "settings": dict(result.state.settings),

@@ -181,7 +181,6 @@ def load_progress(
 
 def as_record(info: FitInfo, state: AnyState) -> dict[str, Any]:
     """One iteration as plain values; what was not computed is None."""
-    factors = np.exp(np.asarray(state.unknowns.log_stiffness))
     return {
         "iteration": info.iteration,
         "outcome": info.outcome.name.lower(),
@@ -196,7 +195,7 @@ def as_record(info: FitInfo, state: AnyState) -> dict[str, Any]:
         "outline_m": finite_or_none(info.outline),
         "damping": finite_or_none(info.damping),
         "unfinished_contours": info.unfinished,
-        "stiffness_factors": factors.tolist(),
+        "log_stiffness": np.asarray(state.unknowns.log_stiffness).tolist(),
         "seconds": {name: finite_or_none(value) for name, value in info.seconds.items()},
     }
 

@@ -3,6 +3,8 @@
 from dress_jax.optimisation.evaluation import Evaluation as Evaluation
 from dress_jax.optimisation.evaluation import evaluate as evaluate
 from dress_jax.optimisation.evaluation import length_errors as length_errors
+from dress_jax.optimisation.fabric_freedom import FabricFreedom as FabricFreedom
+from dress_jax.optimisation.fabric_freedom import named_values as named_values
 from dress_jax.optimisation.gauss_newton.method import GaussNewtonState as GaussNewtonState
 from dress_jax.optimisation.gauss_newton.options import GaussNewtonOptions as GaussNewtonOptions
 from dress_jax.optimisation.landmarks import Landmark as Landmark

@@ -15,6 +15,7 @@ from dress_jax.loss.area_ratio import panel_areas
 from dress_jax.loss.corners import corner_signs
 from dress_jax.loss.laplacian import interior_vertices
 from dress_jax.loss.seam_length import seam_ratios
+from dress_jax.optimisation.fabric_freedom import FabricTable, make_fabric_table
 from dress_jax.optimisation.landmarks import Landmark, check_landmarks
 from dress_jax.optimisation.observation import Observation, part_channels
 from dress_jax.optimisation.options import FitMethod, FitOptions
@@ -61,6 +62,7 @@ class Tables:
         corner_signs: on which side they open in the initial pattern, (corners,).
         interior: vertices off the garment's boundary, (n,).
         symmetry: from optimised to validated parameters; None where nothing mirrors anything.
+        fabric: what is unknown of the fabric.
     """
 
     garment: RenderMesh
@@ -79,6 +81,7 @@ class Tables:
     corner_signs: Float[Array, " corners"]
     interior: Bool[np.ndarray, " n"]
     symmetry: Symmetry | None
+    fabric: FabricTable
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -89,8 +92,8 @@ class FitProblem:
         pattern: the initial pattern.
         discretization: of it.
         simulator: without friction (S9.9).
-        parameters: of the first drape; rest positions and the two stiffnesses are replaced by what
-            is fitted, everything else stays.
+        parameters: of the first drape; rest positions and stiffnesses are replaced by what is
+            fitted, everything else stays.
         observation: what the drape is compared with.
         options: see `FitOptions`.
         colors: vertex colours to begin with, (n, 3).
@@ -199,6 +202,9 @@ def make_problem(
         corner_signs=corner_signs(rest, corners),
         interior=interior_vertices(np.asarray(discretization.faces), count),
         symmetry=symmetry,
+        fabric=make_fabric_table(
+            options.fabric, pattern, simulator.cloth, np.asarray(discretization.face_panel)
+        ),
     )
     return FitProblem(
         pattern=pattern,

@@ -12,12 +12,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.linalg
 import scipy.sparse
 from jaxtyping import Array, Float, Int
 
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import STRETCHING_LEAVES, Parameters
 from dress_jax.optimisation.draping import fitted_parameters, initial_unknowns
+from dress_jax.optimisation.fabric_freedom import FabricTable, likely_alike, with_fabric
 from dress_jax.optimisation.gauss_newton.guidance import Pull
 from dress_jax.optimisation.gauss_newton.landmark_rows import rows_in_pictures, rows_in_space
 from dress_jax.optimisation.gauss_newton.normal_equations import (
@@ -41,7 +43,7 @@ from dress_jax.optimisation.gauss_newton.prior import Quadratic, edge_strain_mat
 from dress_jax.optimisation.gauss_newton.residuals import Residuals, length_residuals
 from dress_jax.optimisation.gauss_newton.scan_rows import scan_rows
 from dress_jax.optimisation.gauss_newton.vector import (
-    FACTORS,
+    PIN_SHIFT,
     Vector,
     as_vector,
     felt_directions,
@@ -103,7 +105,11 @@ def make_reference(problem: FitProblem) -> Reference:
     return Reference(
         targets=[Target(*pair) for pair in zip(masks, valid, strict=True)],
         prior=_prior(problem),
-        felt=felt_directions(pattern_parameters(problem.pattern), problem.tables.symmetry),
+        felt=felt_directions(
+            pattern_parameters(problem.pattern),
+            problem.tables.symmetry,
+            len(problem.tables.fabric.names),
+        ),
     )
 
 
@@ -120,16 +126,12 @@ def _prior(problem: FitProblem) -> Quadratic:
     )
     controls = start.controls.size
     corners = np.kron(strain, np.eye(2))  # x and y alike
-    rest = np.concatenate(
-        [
-            np.full(controls, 2.0 / (controls * options.control_scale**2)),
-            np.full(FACTORS, 1.0 / options.stiffness_scale**2),
-            np.full(3, 1.0 / options.pin_scale**2),
-        ]
+    matrix = scipy.linalg.block_diag(
+        corners,
+        np.eye(controls) * 2.0 / (controls * options.control_scale**2),
+        likely_alike(problem.tables.fabric, options.stiffness_scale, options.fabric_scale),
+        np.eye(PIN_SHIFT) / options.pin_scale**2,
     )
-    matrix = np.zeros((len(corners) + len(rest),) * 2)
-    matrix[: len(corners), : len(corners)] = corners
-    matrix[len(corners) :, len(corners) :] = np.diag(rest)
     return Quadratic(as_vector(initial_unknowns(problem)), matrix)
 
 
@@ -194,8 +196,7 @@ def make_model(
     """
     options = problem.options.gauss_newton
     at = as_vector(unknowns)
-    data = (unknowns.pattern, problem.tables.symmetry, problem.discretization, parameters)
-    directions = _parameter_directions(at, reference.felt, *data)
+    directions = _parameter_directions(at, reference.felt, *_direction_data(problem, unknowns))
     # A copy, as for the drapes; see `optimisation.trial.try_unknowns`.
     simulator = dataclasses.replace(problem.simulator)
     sensitivity = static_sensitivity(simulator, parameters, np.asarray(positions), directions)
@@ -348,8 +349,7 @@ def predict_displacement(
     """
     rest = rest_shape(problem, unknowns.pattern)
     parameters = fitted_parameters(problem, rest, unknowns.log_stiffness, unknowns.pin_shift)
-    data = (unknowns.pattern, problem.tables.symmetry, problem.discretization, parameters)
-    along = _parameter_change(as_vector(unknowns), change, *data)
+    along = _parameter_change(as_vector(unknowns), change, *_direction_data(problem, unknowns))
     simulator = dataclasses.replace(problem.simulator)
     directions = {name: value[None] for name, value in along.items()}
     return static_sensitivity(simulator, parameters, positions, directions)[..., 0]
@@ -407,6 +407,12 @@ def _seam_changes(
 _seam_jacobian = jax.jit(jax.jacfwd(_seam_changes))
 
 
+def _direction_data(problem: FitProblem, unknowns: Unknowns) -> tuple[Any, ...]:
+    tables = problem.tables
+    data = (problem.discretization, problem.parameters, tables.fabric)
+    return unknowns.pattern, tables.symmetry, *data
+
+
 @jax.jit
 def _parameter_directions(vector: Array, directions: Array, *data: Any) -> dict[str, Array]:
     """Derivatives of the drape's parameters along several directions, the leading axis."""
@@ -420,17 +426,25 @@ def _parameter_change(
     like: PatternParameters,
     symmetry: Symmetry | None,
     discretization: Discretization,
-    parameters: Parameters,
+    initial: Parameters,
+    fabric: FabricTable,
 ) -> dict[str, Array]:
     """Derivative of the drape's parameters along one direction of the unknowns."""
 
     def rest(vector: Array) -> Array:
         return rest_positions(validated(split(vector, like)[0], symmetry), discretization)
 
-    _, factors, shift = split(direction, like)
+    names = [*STRETCHING_LEAVES, "bending_stiffness"]
+    if fabric.anisotropy is not None:
+        names.append("bending_anisotropy")
+
+    def leaves(log_stiffness: Array) -> dict[str, Array]:
+        parameters = with_fabric(initial, log_stiffness, fabric)
+        return {name: getattr(parameters, name) for name in names}
+
+    _, way, shift = split(direction, like)
     return {
         "rest_positions": jax.jvp(rest, (vector,), (direction,))[1],
-        **{name: getattr(parameters, name) * factors[0] for name in STRETCHING_LEAVES},
-        "bending_stiffness": parameters.bending_stiffness * factors[1],
-        "pin_targets": jnp.broadcast_to(shift[None, :], parameters.pin_targets.shape),
+        **jax.jvp(leaves, (split(vector, like)[1],), (way,))[1],
+        "pin_targets": jnp.broadcast_to(shift[None, :], initial.pin_targets.shape),
     }

@@ -30,7 +30,8 @@ class GaussNewtonOptions:
         size_scale: strain of pattern edges.
         control_scale: way of control points [chord lengths].
         seam_scale: change of a seam's length difference between its two sides [m].
-        stiffness_scale: change of the logarithms of the two stiffness factors.
+        stiffness_scale: change of the fabric's unknowns, mostly logarithms of factors.
+        fabric_scale: likewise, of how a panel's fabric differs from the garment's mean.
         pin_scale: displacement of the pins [m].
         longest_step: of a pattern corner in one step [m].
         longest_control_step: of a control point [chord lengths].
@@ -62,6 +63,7 @@ class GaussNewtonOptions:
     control_scale: float = 0.13
     seam_scale: float = 0.02
     stiffness_scale: float = 7.0
+    fabric_scale: float = 1.5
     pin_scale: float = 0.1
     longest_step: float = 0.03
     longest_control_step: float = 0.1
