@@ -14,6 +14,7 @@ from dress_jax.energy.cloth import Parameters
 from dress_jax.optimisation.fabric_freedom import initial_values, with_fabric
 from dress_jax.optimisation.problem import FitProblem, rest_shape, validated_pattern
 from dress_jax.optimisation.report import FitInfo, StepOutcome
+from dress_jax.optimisation.rules import check_rules, follow_rules
 from dress_jax.optimisation.state import Unknowns
 from dress_jax.pattern import pattern_parameters, rest_positions
 from dress_jax.pattern.parameters import PatternParameters
@@ -25,8 +26,12 @@ Clock = Callable[[], float]
 
 
 def initial_unknowns(problem: FitProblem) -> Unknowns:
-    """Where a fit begins."""
-    return Unknowns(
+    """Where a fit begins: at the initial pattern, or the nearest one that keeps its rules.
+
+    Raises:
+        InputError: the rules contradict each other.
+    """
+    unknowns = Unknowns(
         pattern=pattern_parameters(problem.pattern),
         log_stiffness=jnp.asarray(
             initial_values(problem.tables.fabric, problem.options.initial_stiffness)
@@ -34,6 +39,9 @@ def initial_unknowns(problem: FitProblem) -> Unknowns:
         pin_shift=jnp.zeros(3),
         colors=jnp.asarray(problem.colors),
     )
+    unknowns = follow_rules(problem, unknowns)
+    check_rules(problem, unknowns.pattern)
+    return unknowns
 
 
 def settle(problem: FitProblem, unknowns: Unknowns, positions: Float[np.ndarray, "n 3"]) -> Array:

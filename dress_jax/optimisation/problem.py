@@ -34,6 +34,7 @@ from dress_jax.pattern import (
 )
 from dress_jax.pattern.corners import CornerTable, corner_table
 from dress_jax.pattern.parameters import PatternParameters
+from dress_jax.pattern.rules import Rule
 from dress_jax.pattern.symmetry import Symmetry, make_symmetry, validated
 from dress_jax.render.mesh import RenderMesh, make_render_mesh
 from dress_jax.sim import Simulator
@@ -100,6 +101,7 @@ class FitProblem:
         tables: constants of the losses.
         scan: of the garment, which Gauss-Newton compares with as well; None without one.
         landmarks: likewise.
+        rules: that every pattern keeps.
     """
 
     pattern: Pattern
@@ -112,6 +114,7 @@ class FitProblem:
     tables: Tables
     scan: Scan | None = None
     landmarks: tuple[Landmark, ...] = ()
+    rules: tuple[Rule, ...] = ()
 
 
 def make_problem(
@@ -126,6 +129,7 @@ def make_problem(
     occluder: RenderMesh | None = None,
     scan: Scan | None = None,
     landmarks: Sequence[Landmark] = (),
+    rules: Sequence[Rule] = (),
 ) -> FitProblem:
     """Put a fit together and check that its parts fit each other.
 
@@ -141,6 +145,7 @@ def make_problem(
         scan: of the garment, from `make_scan`. For a scan alone, leave the weights of the images
             out; the observation is then only drawn for reports.
         landmarks: points of seams and hems whose place is known; Gauss-Newton only.
+        rules: design rules; the pattern to begin with is moved to keep them.
 
     Raises:
         InputError: friction is on, or the parts do not belong together.
@@ -217,6 +222,7 @@ def make_problem(
         tables=tables,
         scan=scan,
         landmarks=tuple(landmarks),
+        rules=tuple(rules),
     )
 
 

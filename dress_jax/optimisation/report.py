@@ -15,6 +15,7 @@ class StepOutcome(enum.Enum):
     ACCEPTED = "accepted"
     REST_DEGENERATE = "a rest triangle would flip or lose its area"
     SOLVE_FAILED = "the drape did not come close enough to an equilibrium"
+    RULE_BROKEN = "a design rule does not hold"
     INTERSECTS = "the drape has intersections"
     NON_FINITE = "a number is not finite"
     WORSE = "the cost did not fall"

@@ -25,8 +25,9 @@ from dress_jax.optimisation import (
 from dress_jax.optimisation.draping import fitted_parameters
 from dress_jax.optimisation.gauss_newton import trial
 from dress_jax.optimisation.gauss_newton.model import make_model, make_reference, measure
-from dress_jax.optimisation.gauss_newton.normal_equations import Model, damped_step, huber
+from dress_jax.optimisation.gauss_newton.normal_equations import damped_step, huber
 from dress_jax.optimisation.gauss_newton.prior import edge_strain_matrix
+from dress_jax.optimisation.gauss_newton.quadratic_model import Model
 from dress_jax.optimisation.gauss_newton.vector import as_vector, felt_directions, from_vector
 from dress_jax.optimisation.problem import rest_shape
 from dress_jax.sim import static_solve

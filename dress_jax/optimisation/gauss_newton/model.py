@@ -23,7 +23,6 @@ from dress_jax.optimisation.fabric_freedom import FabricTable, likely_alike, wit
 from dress_jax.optimisation.gauss_newton.guidance import Pull
 from dress_jax.optimisation.gauss_newton.landmark_rows import rows_in_pictures, rows_in_space
 from dress_jax.optimisation.gauss_newton.normal_equations import (
-    Model,
     add,
     along_rows,
     mean_square_model,
@@ -40,6 +39,7 @@ from dress_jax.optimisation.gauss_newton.outline import (
     outline_rows,
 )
 from dress_jax.optimisation.gauss_newton.prior import Quadratic, edge_strain_matrix
+from dress_jax.optimisation.gauss_newton.quadratic_model import Model
 from dress_jax.optimisation.gauss_newton.residuals import Residuals, length_residuals
 from dress_jax.optimisation.gauss_newton.scan_rows import scan_rows
 from dress_jax.optimisation.gauss_newton.vector import (

@@ -1,20 +1,13 @@
 """Weighted least squares from linearized residuals, and a damped step. Host side, numpy."""
 
-from typing import NamedTuple
-
 import numpy as np
 from jaxtyping import Float
 
+from dress_jax.optimisation.gauss_newton.constraints import Constraints, constrained_step
 from dress_jax.optimisation.gauss_newton.prior import Quadratic
+from dress_jax.optimisation.gauss_newton.quadratic_model import Model
 
 _SMALLEST_DIAGONAL = 1e-6  # relative; directions without any effect are damped as well
-
-
-class Model(NamedTuple):
-    """A quadratic model of the cost around some unknowns."""
-
-    gradient: Float[np.ndarray, " k"]
-    matrix: Float[np.ndarray, "k k"]
 
 
 def huber(
@@ -53,7 +46,10 @@ def prior_model(prior: Quadratic, at: Float[np.ndarray, " k"]) -> Model:
 
 
 def damped_step(
-    model: Model, damping: float, longest: Float[np.ndarray, " k"]
+    model: Model,
+    damping: float,
+    longest: Float[np.ndarray, " k"],
+    constraints: Constraints | None = None,
 ) -> tuple[Float[np.ndarray, " k"], float]:
     """A Levenberg-Marquardt step and the decrease that the model promises for it.
 
@@ -61,10 +57,15 @@ def damped_step(
         model: of the cost.
         damping: relative to the diagonal of the matrix.
         longest: largest change of each unknown; the whole step is shortened to fit.
+        constraints: that the step keeps; None for none.
     """
     diagonal = np.diag(model.matrix)
     diagonal = np.maximum(diagonal, _SMALLEST_DIAGONAL * diagonal.max())
-    step = -np.linalg.solve(model.matrix + damping * np.diag(diagonal), model.gradient)
+    damped = Model(model.gradient, model.matrix + damping * np.diag(diagonal))
+    if constraints is None:
+        step = -np.linalg.solve(damped.matrix, damped.gradient)
+    else:
+        step = constrained_step(damped, constraints)
     step = step / max(1.0, float(np.max(np.abs(step) / longest)))
     return step, promised_decrease(model, step)
 

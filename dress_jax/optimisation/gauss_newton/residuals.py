@@ -13,7 +13,8 @@ import scipy.sparse
 from jaxtyping import Float
 
 from dress_jax.optimisation.gauss_newton.guidance import Pull
-from dress_jax.optimisation.gauss_newton.normal_equations import Model, huber
+from dress_jax.optimisation.gauss_newton.normal_equations import huber
+from dress_jax.optimisation.gauss_newton.quadratic_model import Model
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

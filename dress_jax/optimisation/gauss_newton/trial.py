@@ -26,10 +26,11 @@ from dress_jax.optimisation.gauss_newton.model import (
     predict_displacement,
     pulls,
 )
-from dress_jax.optimisation.gauss_newton.normal_equations import Model
+from dress_jax.optimisation.gauss_newton.quadratic_model import Model
 from dress_jax.optimisation.losses import Garment, assess_value
 from dress_jax.optimisation.problem import FitProblem, rest_shape, validated_pattern
 from dress_jax.optimisation.report import FitInfo, StepOutcome
+from dress_jax.optimisation.rules import broken_rules
 from dress_jax.optimisation.state import Unknowns, finite
 from dress_jax.sim import static_solve
 from dress_jax.sim.sensitivity import predicted_start
@@ -115,6 +116,8 @@ def try_step(
     """
     if not finite(unknowns):
         return Trial(FitInfo(iteration, StepOutcome.NON_FINITE))
+    if broken_rules(problem, unknowns.pattern):
+        return Trial(FitInfo(iteration, StepOutcome.RULE_BROKEN))
     rest = rest_shape(problem, unknowns.pattern)
     if not smallest_relative_area(problem, np.asarray(rest)) >= problem.options.smallest_area:
         return Trial(FitInfo(iteration, StepOutcome.REST_DEGENERATE))
