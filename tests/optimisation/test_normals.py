@@ -11,7 +11,7 @@ from dress_jax.optimisation.gauss_newton.normals import (
     normal_jacobian,
     normal_rows,
 )
-from dress_jax.optimisation.gauss_newton.residuals import Residuals
+from dress_jax.optimisation.gauss_newton.residuals import Observed, Residuals
 from dress_jax.render.contours import find_contours
 from dress_jax.render.images import render_views
 from tests.central_differences import central_difference
@@ -96,7 +96,7 @@ def test_the_model_of_the_normals_has_their_gradient(drawn):
 
     def residuals(value):
         flat, weight = value.reshape(-1, 3), rows.weight.ravel()
-        return Residuals("normals", flat, weight, lambda: jacobian, SCALE, LIMIT)
+        return Residuals(Observed.NORMALS, flat, weight, lambda: jacobian, SCALE, LIMIT)
 
     model = residuals(rows.residual).model(ways.reshape(-1, 3))
     assert np.linalg.eigvalsh(model.matrix).min() > 0.0

@@ -40,7 +40,11 @@ from dress_jax.optimisation.gauss_newton.outline import (
 )
 from dress_jax.optimisation.gauss_newton.prior import Quadratic, edge_strain_matrix
 from dress_jax.optimisation.gauss_newton.quadratic_model import Model
-from dress_jax.optimisation.gauss_newton.residuals import Residuals, length_residuals
+from dress_jax.optimisation.gauss_newton.residuals import (
+    Observed,
+    Residuals,
+    length_residuals,
+)
 from dress_jax.optimisation.gauss_newton.scan_rows import scan_rows
 from dress_jax.optimisation.gauss_newton.vector import (
     PIN_SHIFT,
@@ -54,7 +58,7 @@ from dress_jax.optimisation.state import Unknowns
 from dress_jax.pattern import Discretization, edge_lengths, pattern_parameters, rest_positions
 from dress_jax.pattern.parameters import EdgeTable, PatternParameters
 from dress_jax.pattern.symmetry import Symmetry, validated
-from dress_jax.render.cameras import Camera, CameraKind
+from dress_jax.render.cameras import CameraKind
 from dress_jax.render.contours import Contour, find_contours
 from dress_jax.render.mesh import RenderMesh, join_meshes
 from dress_jax.sim.sensitivity import static_sensitivity
@@ -196,21 +200,43 @@ def make_model(
     """
     options = problem.options.gauss_newton
     at = as_vector(unknowns)
-    directions = _parameter_directions(at, reference.felt, *_direction_data(problem, unknowns))
-    # A copy, as for the drapes; see `optimisation.trial.try_unknowns`.
-    simulator = dataclasses.replace(problem.simulator)
-    sensitivity = static_sensitivity(simulator, parameters, np.asarray(positions), directions)
-    sensitivity = sensitivity.reshape(-1, len(reference.felt))
+    sensitivity = drape_sensitivity(problem, reference, unknowns, positions, parameters)
     felt = add(*(residuals.model(sensitivity) for residuals in measurement.felt))
-    seam_jacobian = np.asarray(_seam_jacobian(at, unknowns.pattern, *_seam_data(problem)))
     return add(
         along_rows(felt, reference.felt),
         prior_model(prior, at),
         mean_square_model(
             measurement.seams / options.seam_scale,
-            seam_jacobian / options.seam_scale,
+            seam_slopes(problem, unknowns) / options.seam_scale,
         ),
     )
+
+
+def drape_sensitivity(
+    problem: FitProblem,
+    reference: Reference,
+    unknowns: Unknowns,
+    positions: Array,
+    parameters: Parameters,
+) -> Float[np.ndarray, "n3 r"]:
+    """Derivatives of a drape's flattened positions along `Reference.felt`.
+
+    Raises:
+        LinearSolveError: the drape is no stable equilibrium.
+    """
+    directions = _parameter_directions(
+        as_vector(unknowns), reference.felt, *_direction_data(problem, unknowns)
+    )
+    # A copy, as for the drapes; see `optimisation.trial.try_unknowns`.
+    simulator = dataclasses.replace(problem.simulator)
+    sensitivity = static_sensitivity(simulator, parameters, np.asarray(positions), directions)
+    return sensitivity.reshape(-1, len(reference.felt))
+
+
+def seam_slopes(problem: FitProblem, unknowns: Unknowns) -> Float[np.ndarray, "stitches k"]:
+    """Derivatives of the seams' changes in the unknowns [m]."""
+    data = _seam_data(problem)
+    return np.asarray(_seam_jacobian(as_vector(unknowns), unknowns.pattern, *data))
 
 
 def _compare(
@@ -239,15 +265,16 @@ def _outlines(
     problem: FitProblem, reference: Reference, contours: list[Contour], positions: Array
 ) -> Residuals:
     """Distances of the outlines; none where masks do not count."""
-    options, cameras = problem.options.gauss_newton, problem.observation.cameras
+    options = problem.options.gauss_newton
     views = range(problem.observation.view_count)
     drawn = [_drawn(own, view) for own in contours for view in views]
-    metres = _metres_per_pixel(cameras, np.mean(np.asarray(positions), axis=0))
-    metres = np.tile(metres, len(contours))
+    metres = np.tile(metres_per_pixel(problem, positions), len(contours))
     if "mask" not in problem.options.active_weights:
         drawn, metres = [], metres[:0]
     rows = outline_rows(reference.targets[: len(drawn)], drawn, metres, len(positions))
-    return length_residuals("outlines", *rows, scale=options.outline_scale, limit=options.robust)
+    return length_residuals(
+        Observed.OUTLINES, *rows, scale=options.outline_scale, limit=options.robust
+    )
 
 
 def _part_contours(
@@ -276,7 +303,9 @@ def _scan(problem: FitProblem, positions: Array) -> Residuals | None:
         return None
     options, faces = problem.options.gauss_newton, np.asarray(problem.discretization.faces)
     rows = scan_rows(problem.scan, np.asarray(positions, np.float64), faces)
-    return length_residuals("scan", *rows, scale=options.scan_scale, limit=options.scan_robust)
+    return length_residuals(
+        Observed.SCAN, *rows, scale=options.scan_scale, limit=options.scan_robust
+    )
 
 
 def _landmarks(problem: FitProblem, positions: Array) -> list[Residuals]:
@@ -288,7 +317,7 @@ def _landmarks(problem: FitProblem, positions: Array) -> list[Residuals]:
     rows = rows_in_space(*data), rows_in_pictures(*data, problem.observation.cameras)
     return [
         Residuals(
-            "landmarks",
+            Observed.LANDMARKS,
             own.value,
             np.full(len(own.value), 1.0 / len(own.value)),
             functools.partial(_same, own.jacobian),
@@ -321,7 +350,7 @@ def _normals(
         return None
     rows = normal_rows(observation.cameras, garment, samples)
     return Residuals(
-        "normals",
+        Observed.NORMALS,
         rows.residual.reshape(-1, 3),
         rows.weight.ravel(),
         functools.partial(normal_jacobian, observation.cameras, garment, samples),
@@ -373,8 +402,9 @@ def _drawn(contours: Contour, view: int) -> Drawn:
     )
 
 
-def _metres_per_pixel(cameras: Camera, center: Float[np.ndarray, "3"]) -> Float[np.ndarray, " v"]:
+def metres_per_pixel(problem: FitProblem, positions: Array) -> Float[np.ndarray, " v"]:
     """Size of a pixel at the garment's distance, for every view (host)."""
+    cameras, center = problem.observation.cameras, np.mean(np.asarray(positions), axis=0)
     scale = np.asarray(cameras.scale, np.float64).mean(axis=-1)
     if cameras.kind is CameraKind.ORTHOGRAPHIC:
         return 1.0 / scale

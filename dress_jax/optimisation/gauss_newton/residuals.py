@@ -5,6 +5,7 @@ unknowns once the sensitivities of the drape are known, and how they pull at pos
 """
 
 import dataclasses
+import enum
 import functools
 from collections.abc import Callable
 
@@ -17,12 +18,21 @@ from dress_jax.optimisation.gauss_newton.normal_equations import huber
 from dress_jax.optimisation.gauss_newton.quadratic_model import Model
 
 
+class Observed(enum.Enum):
+    """What differences are about."""
+
+    OUTLINES = "outlines"
+    NORMALS = "normals"
+    SCAN = "scan"
+    LANDMARKS = "landmarks"
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Residuals:
     """Differences of one kind, each of d components.
 
     Attributes:
-        name: of the kind, for reports.
+        kind: what they are about.
         value: the differences, (q, d).
         weight: share of each in the mean, (q,).
         jacobian: makes their derivatives in the flattened positions, (q d, 3 n).
@@ -30,7 +40,7 @@ class Residuals:
         limit: length beyond which a difference pulls with constant strength (Huber).
     """
 
-    name: str
+    kind: Observed
     value: Float[np.ndarray, "q d"]
     weight: Float[np.ndarray, " q"]
     jacobian: Callable[[], scipy.sparse.csr_array]
@@ -70,7 +80,7 @@ class Residuals:
 
 
 def length_residuals(
-    name: str,
+    kind: Observed,
     residual: Float[np.ndarray, " r"],
     jacobian: scipy.sparse.csr_array,
     weight: Float[np.ndarray, " r"],
@@ -79,4 +89,4 @@ def length_residuals(
     limit: float,
 ) -> Residuals:
     """Residuals of one component whose derivatives are at hand."""
-    return Residuals(name, residual[:, None], weight, lambda: jacobian, scale, limit)
+    return Residuals(kind, residual[:, None], weight, lambda: jacobian, scale, limit)
