@@ -73,10 +73,11 @@ def fit_fingerprint(
     shape = [(p.name, p.vertices, [(e.kind, e.controls) for e in p.edges]) for p in pattern.panels]
     seams = [repr(stitch) for stitch in pattern.stitches]
     scan = None if views.scan is None else (views.scan.points, views.scan.complete)
+    landmarks = [repr(mark) for mark in views.landmarks]
     return {
         "pattern": fingerprint(shape, seams),
         "body": fingerprint(wearer.start, wearer.way, wearer.faces),
-        "targets": fingerprint(views.observation, scan),
+        "targets": fingerprint(views.observation, scan, landmarks),
         "options": fingerprint([repr(option) for option in options]),
     }
 

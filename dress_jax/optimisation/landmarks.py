@@ -65,9 +65,9 @@ def check_landmarks(landmarks: Sequence[Landmark], pattern: Pattern, views: int)
         in_space, in_picture = mark.position is not None, mark.pixel is not None
         if in_space == in_picture or in_picture != (mark.view is not None):
             raise InputError("a landmark has either a position, or a view and a pixel", where=where)
-        seen = mark.position if mark.position is not None else mark.pixel
+        seen = np.asarray(mark.position if in_space else mark.pixel, float)
         wanted = 3 if in_space else 2
-        if np.shape(seen) != (wanted,) or not np.isfinite(np.asarray(seen, float)).all():
+        if seen.shape != (wanted,) or not np.isfinite(seen).all():
             raise InputError(f"{seen} is not {wanted} numbers", where=where)
         if mark.view is not None and not 0 <= mark.view < views:
             raise InputError(

@@ -136,7 +136,7 @@ def _prior(problem: FitProblem) -> Quadratic:
         likely_alike(problem.tables.fabric, options.stiffness_scale, options.fabric_scale),
         np.eye(PIN_SHIFT) / options.pin_scale**2,
     )
-    return Quadratic(as_vector(initial_unknowns(problem)), matrix)
+    return Quadratic(as_vector(initial_unknowns(problem)), np.asarray(matrix))
 
 
 def measure(

@@ -38,10 +38,10 @@ from dress_jax.pattern.parameters import PatternParameters
 from dress_jax.pattern.symmetry import Symmetry, validated
 
 CORRELATION = 0.05  # [m]; folds are a few centimetres wide
-_FREEDOMS = {Observed.OUTLINES: 1, Observed.NORMALS: 2, Observed.SCAN: 1}
 _LEAST_PIXELS = 0.3  # standard deviation of an outline that fits perfectly [px]
 _LEAST = {Observed.NORMALS: 0.05, Observed.SCAN: 1e-3, Observed.LANDMARKS: 2e-3}  # likewise
 _DIRECTIONS = 6
+_NOTHING = 1e-24  # [m^2]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,6 +76,7 @@ class Uncertainty:
         fabric_told: as for lengths, (s,).
         directions: the combinations of lengths that are known least, each one standard deviation
             long [m], (d, E).
+        ways: the most likely changes of the unknowns along them, (d, k).
         noise: standard deviation of what remains of the differences, by kind [m, or none].
         independent: how many of them count as independent, by kind.
     """
@@ -87,6 +88,7 @@ class Uncertainty:
     fabric_deviation: Float[np.ndarray, " s"]
     fabric_told: Float[np.ndarray, " s"]
     directions: Float[np.ndarray, "d E"]
+    ways: Float[np.ndarray, "d k"]
     noise: dict[Observed, float]
     independent: dict[Observed, float]
 
@@ -138,6 +140,7 @@ def find_uncertainty(
     spread = slopes @ known @ slopes.T
     values, vectors = np.linalg.eigh(0.5 * (spread + spread.T))
     chosen = np.argsort(values)[::-1][:_DIRECTIONS]
+    sizes, vectors = np.sqrt(np.maximum(values[chosen], _NOTHING)), vectors[:, chosen]
     return Uncertainty(
         lengths=lengths,
         length_deviation=np.sqrt(np.diag(spread)),
@@ -145,7 +148,8 @@ def find_uncertainty(
         fabric=np.asarray(unknowns.log_stiffness),
         fabric_deviation=np.sqrt(np.diag(fabric @ known @ fabric.T)),
         fabric_told=_told(fabric, prior, known),
-        directions=(vectors[:, chosen] * np.sqrt(np.maximum(values[chosen], 0.0))).T,
+        directions=(vectors * sizes).T,
+        ways=(vectors / sizes).T @ slopes @ known @ basis,
         noise=noise,
         independent=independent,
     )
@@ -162,7 +166,7 @@ def _told(
 
 def _remaining(problem: FitProblem, felt: Residuals, positions: Array) -> float:
     """Standard deviation of one component of what remains of the differences."""
-    freedoms = _FREEDOMS.get(felt.kind, felt.value.shape[1])
+    freedoms = 2 if felt.kind is Observed.NORMALS else felt.value.shape[1]
     square = float(np.sum(felt.weight * np.sum(felt.value**2, axis=1)) / np.sum(felt.weight))
     if felt.kind is Observed.OUTLINES:
         least = _LEAST_PIXELS * float(metres_per_pixel(problem, positions).mean())
@@ -211,7 +215,7 @@ def _known_before(
         np.eye(PIN_SHIFT) / before.pin**2,
     )
     seams = seam_slopes(problem, unknowns)
-    return precision + seams.T @ seams / before.seam**2
+    return np.asarray(precision) + seams.T @ seams / before.seam**2
 
 
 def _lengths(
