@@ -82,8 +82,8 @@ def _draw_edges(
     for panel, origin in zip(pattern.panels, origins, strict=True):
         outline = _placed(fine_outline(panel)[0], origin)
         axis.fill(*outline.T, color="#f6f2ea", lw=0)
-        middle = outline.mean(axis=0)
-        axis.text(*middle, panel.name, fontsize=5, ha="center", va="center", color=_LINE)
+        x, y = (float(value) for value in outline.mean(axis=0))
+        axis.text(x, y, panel.name, fontsize=5, ha="center", va="center", color=_LINE)
         for edge, width in zip(panel.edges, intervals[panel.name], strict=True):
             count = fine_count(edge)
             points = edge_points(panel, edge, np.arange(count + 1) / count)
