@@ -16,7 +16,7 @@ NORMAL_95 = 1.96
 """Half of an interval that holds 95 % of a normal distribution, in standard deviations."""
 
 _SHARE = 0.3  # of a direction's largest change, from which an edge is named
-_SHOWN = 3  # directions in the picture
+_SHOWN, _EXAGGERATED = 3, 3.0  # directions in the picture, and how much larger they are drawn
 
 
 def knowledge_report(problem: FitProblem, pattern: Pattern, found: Uncertainty) -> dict[str, Any]:
@@ -105,7 +105,7 @@ def write_knowledge(
                     ),
                 ),
             )
-            for sign in (1.0, -1.0)
+            for sign in (_EXAGGERATED, -_EXAGGERATED)
         ]
         directions.append(OpenDirection(100.0 * float(np.linalg.norm(lengths)), *moved))
     report = knowledge_report(problem, pattern, found)["fabric"]

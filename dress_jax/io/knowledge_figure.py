@@ -1,6 +1,5 @@
 """A picture of what is known about a pattern: how wide intervals are, and along what it is open."""
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,6 +19,7 @@ from dress_jax.pattern.outline import edge_points, fine_count, fine_outline
 _WIDEST = 20.0  # [%] of the length; wider intervals look the same
 _COLORS = "viridis_r"
 _LINE = "#3d3a36"
+_TICKS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
 
 
 class OpenDirection(NamedTuple):
@@ -27,7 +27,7 @@ class OpenDirection(NamedTuple):
 
     Attributes:
         deviation: of the lengths together [cm].
-        ahead, behind: the pattern one standard deviation along it, either way.
+        ahead, behind: the pattern some way along it, either way.
     """
 
     deviation: float
@@ -49,26 +49,25 @@ def write_knowledge_figure(
         pattern: the fitted pattern.
         intervals: half of every edge's 95 % interval over its length [%], by panel.
         fabric: value and ends of the interval of every number of the fabric, by name.
-        directions: to draw below.
+        directions: to draw below; what is shown may be exaggerated.
     """
-    columns = max(len(directions), 2)
-    figure = Figure(figsize=(3.6 * columns, 7.5), layout="constrained")
-    grid: Any = figure.add_gridspec(2, columns, height_ratios=[1.5, 1.0])
-    main = figure.add_subplot(grid[0, : columns - 1])
+    figure = Figure(figsize=(11.0, 8.0 if directions else 4.8), layout="constrained")
+    rows: Any = figure.subfigures(2, 1, height_ratios=[1.5, 1.0]) if directions else [figure]
+    main, beside = rows[0].subplots(1, 2, width_ratios=[2.2, 1.0])
     colors = ScalarMappable(Normalize(0.0, _WIDEST), _COLORS)
     _draw_edges(main, pattern, intervals, colors)
     bar = figure.colorbar(colors, ax=main, extend="max", fraction=0.04)
     bar.set_label("95 % interval of the length, half [%]")
-    _draw_fabric(figure.add_subplot(grid[0, columns - 1]), fabric)
-    for number, direction in enumerate(directions):
-        axis = figure.add_subplot(grid[1, number])
-        for shown, style in (
-            (direction.ahead, {"color": "tab:red", "lw": 1.2}),
-            (direction.behind, {"color": "tab:blue", "lw": 1.2}),
-            (pattern, {"color": _LINE, "lw": 0.6}),
-        ):
-            _draw_outlines(axis, pattern, shown, **style)
-        axis.set_title(f"open: lengths ± {direction.deviation:.1f} cm", fontsize=9)
+    _draw_fabric(beside, fabric)
+    if directions:
+        axes = rows[1].subplots(1, len(directions), squeeze=False)[0]
+        for axis, direction in zip(axes, directions, strict=True):
+            _draw_outlines(axis, pattern, direction.ahead, color="tab:red", lw=1.2)
+            _draw_outlines(axis, pattern, direction.behind, color="tab:blue", lw=1.2)
+            _draw_outlines(axis, pattern, pattern, color=_LINE, lw=0.6)
+            axis.set_title(
+                f"lengths open by ± {direction.deviation:.1f} cm (drawn larger)", fontsize=9
+            )
     save_figure(figure, path)
 
 
@@ -114,9 +113,11 @@ def _draw_fabric(axis: Axes, fabric: Mapping[str, tuple[float, float, float]]) -
     )
     if positive:
         axis.set_xscale("log")
-        decades = math.log10(values[:, 2].max() / values[:, 1].min())
-        if decades < 1.0:
-            axis.set_xlim(0.9 * values[:, 1].min(), 1.1 * values[:, 2].max())
+        low, high = 0.9 * values[:, 1].min(), 1.1 * values[:, 2].max()
+        axis.set_xlim(low, high)
+        ticks = [t for t in _TICKS if low <= t <= high]
+        axis.set_xticks(ticks, [f"{t:g}" for t in ticks])
+        axis.minorticks_off()
     axis.axvline(1.0 if positive else 0.0, color=_LINE, lw=0.6)
     axis.set_yticks(places, list(fabric), fontsize=7)
     axis.set_ylim(-0.8, len(fabric) - 0.2)
