@@ -65,9 +65,8 @@ def write_knowledge_figure(
             _draw_outlines(axis, pattern, direction.ahead, color="tab:red", lw=1.2)
             _draw_outlines(axis, pattern, direction.behind, color="tab:blue", lw=1.2)
             _draw_outlines(axis, pattern, pattern, color=_LINE, lw=0.6)
-            axis.set_title(
-                f"lengths open by ± {direction.deviation:.1f} cm (drawn larger)", fontsize=9
-            )
+            title = f"lengths open by ± {direction.deviation:.1f} cm (drawn larger)"
+            axis.set_title(title, fontsize=9)
     save_figure(figure, path)
 
 
