@@ -14,7 +14,7 @@ jax.config.update("jax_enable_x64", True)
 
 import numpy as np  # noqa: E402
 
-from benchmarks.recovery.cases import STARTS, STIFFNESS, VIEWS, Case  # noqa: E402
+from benchmarks.recovery.cases import STARTS, STIFFNESS, VIEWS, Case, Start  # noqa: E402
 from benchmarks.recovery.truth import held_out, make_targets, make_truth, wearer  # noqa: E402
 from benchmarks.recovery.variants import VARIANTS  # noqa: E402
 from dress_jax.application.drape import DrapeOptions  # noqa: E402
@@ -23,6 +23,7 @@ from dress_jax.application.fit_files import save_fit  # noqa: E402
 from dress_jax.application.fit_knowledge import NORMAL_95  # noqa: E402
 from dress_jax.application.targets import read_targets  # noqa: E402
 from dress_jax.core.errors import InputError  # noqa: E402
+from dress_jax.core.pytree import replace  # noqa: E402
 from dress_jax.io.patterns import load_pattern  # noqa: E402
 from dress_jax.optimisation import Uncertainty, evaluate  # noqa: E402
 from dress_jax.pattern import (  # noqa: E402
@@ -31,7 +32,9 @@ from dress_jax.pattern import (  # noqa: E402
     edge_table,
     pattern_parameters,
     scaled,
+    with_parameters,
 )
+from dress_jax.pattern.validation import validate  # noqa: E402
 from dress_jax.solver import NewtonOptions  # noqa: E402
 
 
@@ -53,7 +56,7 @@ def recover(case: Case, data: Path, out: Path, options: argparse.Namespace) -> d
     place.mkdir(parents=True, exist_ok=True)
     began = time.perf_counter()
     result = fit_pattern(
-        scaled(truth_pattern, {"*": STARTS[case.start]}),
+        wrong(truth_pattern, STARTS[case.start]),
         body,
         views,
         place,
@@ -81,6 +84,7 @@ def recover(case: Case, data: Path, out: Path, options: argparse.Namespace) -> d
         "largest_error": [result.before.largest_length_error, result.after.largest_length_error],
         "bending_error": float(bending),
         "stretching_error": float(stretching),
+        "valid": valid(result.pattern),
         "covered": covered(result.known, truth_pattern),
         "iterations": len(history),
         "rejected": sum(record["outcome"] != "accepted" for record in history),
@@ -94,6 +98,25 @@ def recover(case: Case, data: Path, out: Path, options: argparse.Namespace) -> d
         "fit_seconds": sum(record["seconds"].get("total", 0.0) for record in history),
         "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
     }
+
+
+def wrong(truth: Pattern, start: Start) -> Pattern:
+    """The pattern that a fit begins with; corners that are sewn together move on their own."""
+    pattern = scaled(truth, {"*": (start.width, start.length)})
+    if not start.noise:
+        return pattern
+    parameters, random = pattern_parameters(pattern), np.random.default_rng(0)
+    way = start.noise * random.normal(size=parameters.vertices.shape)
+    return with_parameters(pattern, replace(parameters, vertices=parameters.vertices + way))
+
+
+def valid(pattern: Pattern) -> bool:
+    """Whether all panels are simple closed loops."""
+    try:
+        validate(pattern)
+    except InputError:
+        return False
+    return True
 
 
 def covered(known: Uncertainty | None, truth: Pattern) -> float | None:

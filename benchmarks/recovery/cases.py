@@ -32,12 +32,28 @@ BODIES: Mapping[str, Mapping[str, str]] = {
 }
 """The body for which the patterns were drafted, and the default one with its measurements."""
 
-STARTS: Mapping[str, tuple[float, float]] = {
-    "10%": (1.10, 0.90),
-    "25%": (1.25, 0.75),
-    "long": (1.00, 1.50),
+
+@dataclasses.dataclass(frozen=True)
+class Start:
+    """How wrong a fit begins.
+
+    Attributes:
+        width, length: factors on every panel.
+        noise: standard deviation of its corners [m].
+    """
+
+    width: float
+    length: float
+    noise: float = 0.0
+
+
+STARTS: Mapping[str, Start] = {
+    "10%": Start(1.10, 0.90),
+    "25%": Start(1.25, 0.75),
+    "long": Start(1.00, 1.50),
+    "bad": Start(1.30, 0.65, 0.01),
 }
-"""Factors on widths and lengths of every panel: wider and shorter, or half as long again."""
+"""Wider and shorter, half as long again, and one that no predictor would dare: for long runs."""
 
 STIFFNESS = (1.5, 0.5)
 """Factors on stretching and bending with which a fit begins; the truth is 1."""

@@ -21,7 +21,7 @@ def reached(row: dict) -> dict[str, bool]:
         "edges": row["median_error"][1] <= MEDIAN,
         "bending": abs(row["bending_error"]) <= BENDING,
         "time": row["seconds"] <= 60.0 * MINUTES,
-        "free": row["crossings"] == 0,
+        "free": row["crossings"] == 0 and row["valid"],
     }
 
 
