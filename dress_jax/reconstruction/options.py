@@ -43,10 +43,10 @@ class Weights:
 
     rgb: float = 1.0
     mask: float = 1.0
-    landmark: float = 1000.0
-    pose: float = 0.1
-    shape: float = 0.01
-    prior: float = 3e-5
+    landmark: float = 100.0
+    pose: float = 0.01
+    shape: float = 0.001
+    prior: float = 1e-5
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -55,11 +55,15 @@ def body_in_world(model: BodyModel, parameters: BodyParameters) -> BodyState:
     )
 
 
+def rest_pelvis(model: BodyModel, shape: Float[np.ndarray, " b"]) -> Float[np.ndarray, "3"]:
+    """The pelvis of the model before it is posed [m]; the global rotation leaves it there."""
+    directions = np.asarray(model.joint_shapedirs)[0, :, : len(shape)]
+    return np.asarray(model.joint_template)[0] + np.sum(directions * shape[None, :], axis=1)
+
+
 def model_translation(model: BodyModel, parameters: BodyParameters) -> Float[np.ndarray, "3"]:
     """The translation c of the equal form x = S (V + c), in which body files are often written."""
-    shape = np.asarray(parameters.shape)
-    directions = np.asarray(model.joint_shapedirs)[0, :, : len(shape)]
-    pelvis = np.asarray(model.joint_template)[0] + np.sum(directions * shape[None, :], axis=1)
+    pelvis = rest_pelvis(model, np.asarray(parameters.shape))
     return np.asarray(parameters.translation) / parameters.scale - pelvis
 
 
