@@ -5,7 +5,8 @@
 
 Random bodies of the embedded model in loose clothes are seen by MagicMan's ring. Every body leaves
 a row in OUT/rows and a picture, so an interrupted run goes on where it stopped; table.txt and
-results.json hold all rows. The coarse stage is compared with Adam on the bodies of estimates.
+results.json hold all rows. Of bodies with an estimate,
+the stages of landmarks are compared with Adam.
 """
 
 import argparse
@@ -20,7 +21,7 @@ from benchmarks.body_reconstruction.table import HEAD, line, write_table
 def main() -> None:
     """Run the benchmark."""
     from benchmarks.body_reconstruction.attempt import CASES, attempt
-    from benchmarks.body_reconstruction.coarse import compare
+    from benchmarks.body_reconstruction.landmark_methods import compare
     from benchmarks.body_reconstruction.scene import wrong_estimate
     from dress_jax.application.reconstruct_body import comparison
     from dress_jax.io.bodies import load_default_body
@@ -54,7 +55,7 @@ def main() -> None:
                 )
                 if CASES[name].estimate:
                     start = wrong_estimate(model, scene.truth, seed)
-                    row["coarse_methods"] = compare(model, scene.views, start)
+                    row["methods"] = compare(model, scene.views, start)
                 pictures, columns = comparison(
                     scene.views,
                     body_in_world(model, found.parameters).vertices,

@@ -61,13 +61,15 @@ def totals(rows: list[dict]) -> list[str]:
             for name, (values, goal) in errors.items()
         ]
         lines += [f"{case}, {len(own)} bodies:", *(f"  {part}" for part in parts)]
-        methods = [row["coarse_methods"] for row in own if "coarse_methods" in row]
-        if methods:
-            mean = {key: np.mean([method[key] for method in methods]) for key in methods[0]}
+        methods = [row["methods"] for row in own if "methods" in row]
+        for stage in ("coarse", "landmarks") if methods else ():
+            runs = [method[stage] for method in methods]
+            mean = {key: np.mean([run[key] for run in runs]) for key in runs[0]}
+            close = sum(run["adam_loss"] <= 1.01 * run["loss"] for run in runs)
             lines.append(
-                f"  coarse stage: Levenberg-Marquardt {mean['marquardt_steps']:.0f} steps "
-                f"{mean['marquardt_seconds']:.3f} s, Adam {mean['adam_steps']:.0f} steps "
-                f"{mean['adam_seconds']:.3f} s to within 1 % of its loss"
+                f"  {stage}: Levenberg-Marquardt {mean['marquardt_steps']:.0f} steps "
+                f"{mean['marquardt_seconds']:.3f} s; Adam {mean['adam_steps']:.0f} steps "
+                f"{mean['adam_seconds']:.3f} s, {close} of {len(runs)} within 1 % of its loss"
             )
     return lines
 

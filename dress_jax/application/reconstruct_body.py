@@ -52,6 +52,13 @@ class BodyResult:
     vertices: Float[np.ndarray, "n 3"]
     joints: Float[np.ndarray, "j 3"]
 
+    @property
+    def good(self) -> bool:
+        """Landmarks have converged, pictures have lowered the loss, all outlines were followed."""
+        end = self.found.fine_end
+        by_pictures = end is None or (self.found.fine_kept and end.unfinished == 0)
+        return self.found.landmark_fit.converged and by_pictures
+
 
 def reconstruct_body(
     views: BodyViews,
@@ -177,9 +184,10 @@ def body_report(result: BodyResult) -> dict[str, Any]:
         "landmark_error_px": found.landmark_error,
         "scale": found.parameters.scale,
         "height_m": float(np.ptp(result.vertices[:, 1])),
+        "good": result.good,
         "coarse": _fit_report(found.coarse_fit),
         "landmarks": _fit_report(found.landmark_fit),
-        "fine": {"iterations": len(fine), "history": fine, **ends},
+        "fine": {"iterations": len(fine), "history": fine, "kept": found.fine_kept, **ends},
     }
 
 

@@ -35,6 +35,7 @@ class Reconstruction:
         coarse_fit, landmark_fit: how these two went.
         fine_terms: losses of every step of the fine stage, of the views it looked at.
         fine_start, fine_end: losses over all views before and after it, or None without pictures.
+        fine_kept: whether it lowered the loss; otherwise the body is that of the landmarks.
         landmark_error: root of the mean squared distance, weighted by confidence [px].
     """
 
@@ -47,6 +48,7 @@ class Reconstruction:
     fine_terms: tuple[fine.FineTerms, ...]
     fine_start: fine.FineTerms | None
     fine_end: fine.FineTerms | None
+    fine_kept: bool
     landmark_error: float
 
 
@@ -85,7 +87,7 @@ def reconstruct(
         )
     else:
         start = _checked(model, estimate)
-    strengths = _strengths(model, options)
+    strengths = strengths_of(model, options)
     tell("coarse", 0, 1, None)
     coarse, coarse_fit = fit_coarse(
         mapping, views, start, estimate, strengths, options.coarse,
@@ -99,18 +101,20 @@ def reconstruct(
     )  # fmt: skip
     tell("landmarks", 1, 1, landmark_fit.loss)
     _require_finite(placed, "the landmark stage")
-    found, colors, history, ends = placed, None, [], (None, None)
+    found, colors, history, ends, kept = placed, None, [], (None, None), False
     if views.mask is not None and options.fine_iterations:
         problem = fine.make_problem(model, mapping, views, estimate, strengths, options)
         state = fine.init(problem, placed)
-        first = fine.evaluate(problem, state)
+        colors, first = np.asarray(state.colors), fine.evaluate(problem, state)
         while not fine.finished(problem, state):
             state, terms = fine.step(problem, state)
             history.append(terms)
             tell("fine", len(history), options.fine_iterations, terms.total)
         _require_finite(state.parameters, "the fine stage")
         ends = (first, fine.evaluate(problem, state))
-        found, colors = state.parameters, np.asarray(state.colors)
+        kept = ends[1].total <= first.total
+        if kept:
+            found, colors = state.parameters, np.asarray(state.colors)
     return Reconstruction(
         parameters=found,
         colors=colors,
@@ -121,6 +125,7 @@ def reconstruct(
         fine_terms=tuple(history),
         fine_start=ends[0],
         fine_end=ends[1],
+        fine_kept=kept,
         landmark_error=_landmark_error(mapping, views, found),
     )
 
@@ -135,7 +140,8 @@ def _checked(model: BodyModel, estimate: BodyParameters) -> BodyParameters:
     )
 
 
-def _strengths(model: BodyModel, options: ReconstructionOptions) -> Strengths:
+def strengths_of(model: BodyModel, options: ReconstructionOptions) -> Strengths:
+    """The weights of some options, in the precision of the model."""
     real = model.template.dtype
     weights = dataclasses.asdict(options.weights)
     return Strengths(**{name: jnp.asarray(value, real) for name, value in weights.items()})

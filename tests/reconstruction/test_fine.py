@@ -22,6 +22,7 @@ from dress_jax.reconstruction import (
     reconstruct,
 )
 from dress_jax.reconstruction.losses import PaintedBody, Strengths, draw
+from dress_jax.reconstruction.options import Rates
 from dress_jax.reconstruction.parameters import pack
 from dress_jax.render.cameras import unstack_cameras
 from dress_jax.render.mesh import build_adjacency
@@ -133,7 +134,7 @@ def test_a_person_behind_a_skirt_is_recovered(body, mapping, truth, silhouettes)
     occluded[:, 70:110, 30:100] = 1.0
     skirt = np.maximum(mask, occluded)
     views = see(mapping, truth, skirt, noise=0.5, occluded=occluded)
-    options = ReconstructionOptions(fine_iterations=40, views_per_iteration=VIEWS)
+    options = ReconstructionOptions(fine_iterations=24, views_per_iteration=VIEWS)
     before = fine._value_and_gradient._cache_size()
     stages = []
     found = reconstruct(
@@ -144,7 +145,7 @@ def test_a_person_behind_a_skirt_is_recovered(body, mapping, truth, silhouettes)
     assert list(dict.fromkeys(stages)) == ["coarse", "landmarks", "fine"]
     assert found.fine_start is not None and found.fine_end is not None
     assert found.fine_end.mask < 0.8 * found.fine_start.mask
-    assert found.fine_end.unfinished == 0
+    assert found.fine_end.unfinished == 0 and found.fine_kept
     errors = {}
     for name in ("by_landmarks", "parameters"):
         here, there = (body_in_world(body, p) for p in (getattr(found, name), truth))
@@ -155,6 +156,17 @@ def test_a_person_behind_a_skirt_is_recovered(body, mapping, truth, silhouettes)
     assert errors["parameters"][0] < 0.015  # [m]
     assert errors["parameters"][1] < 0.015
     assert errors["parameters"][1] < errors["by_landmarks"][1]
+
+
+def test_a_fine_stage_that_makes_it_worse_is_not_kept(body, mapping, truth, silhouettes):
+    views = see(mapping, truth, silhouettes(truth))
+    rates = Rates(pose=0.3, shape=2.0)  # far too long
+    options = ReconstructionOptions(fine_iterations=2, views_per_iteration=VIEWS, rates=rates)
+    found = reconstruct(body, views, options=options)
+    assert found.fine_start is not None and found.fine_end is not None
+    assert found.fine_end.total > found.fine_start.total
+    assert not found.fine_kept
+    np.testing.assert_array_equal(pack(found.parameters), pack(found.by_landmarks))
 
 
 def test_a_held_parameter_stays_in_the_fine_stage(body, mapping, truth, silhouettes):
