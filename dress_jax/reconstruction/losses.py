@@ -20,8 +20,8 @@ from dress_jax.reconstruction.views import BodyViews
 from dress_jax.render.attributes import find_visibility, render_attributes
 from dress_jax.render.cameras import Camera, project
 
-SMOOTHING = 1e-3
-"""Rounds the corner of |d|, [rad] and [standard deviations]: far below what pictures tell."""
+POSE_SMOOTHING, SHAPE_SMOOTHING = 0.01, 0.05
+"""Round the corner of |d|, [rad] and [standard deviations]: less than pictures tell."""
 
 
 @pytree
@@ -79,13 +79,13 @@ def landmark_loss(
     return jnp.sum(landmark_residuals(mapping, views, parameters) ** 2)
 
 
-def absolute_residuals(difference: Float[Array, "..."]) -> Float[Array, "..."]:
-    """Numbers whose squares add up to the mean absolute value, its corner rounded.
+def absolute_residuals(difference: Float[Array, "..."], smoothing: float) -> Float[Array, "..."]:
+    """Numbers whose squares add up to the mean absolute value, its corner rounded by `smoothing`.
 
     r = d / sqrt(h + e) with h = sqrt(d^2 + e^2), since r^2 = h - e; smooth also at zero.
     """
-    rounded = jnp.sqrt(difference**2 + SMOOTHING**2)
-    return difference / jnp.sqrt((rounded + SMOOTHING) * difference.size)
+    rounded = jnp.sqrt(difference**2 + smoothing**2)
+    return difference / jnp.sqrt((rounded + smoothing) * difference.size)
 
 
 def regularizer_residuals(
@@ -99,8 +99,8 @@ def regularizer_residuals(
         residuals = prior_residuals(parameters.pose, parameters.shape)
         return jnp.sqrt(strengths.prior.astype(residuals.dtype)) * residuals
     dtype = parameters.pose.dtype
-    pose = absolute_residuals(parameters.pose[1:] - estimate.pose[1:]).reshape(-1)
-    shape = absolute_residuals(parameters.shape - estimate.shape)
+    pose = absolute_residuals(parameters.pose[1:] - estimate.pose[1:], POSE_SMOOTHING).reshape(-1)
+    shape = absolute_residuals(parameters.shape - estimate.shape, SHAPE_SMOOTHING)
     return jnp.concatenate(
         [
             jnp.sqrt(strengths.pose.astype(dtype)) * pose,

@@ -44,8 +44,8 @@ class Weights:
     rgb: float = 1.0
     mask: float = 1.0
     landmark: float = 100.0
-    pose: float = 0.01
-    shape: float = 0.001
+    pose: float = 5e-4
+    shape: float = 5e-5
     prior: float = 1e-5
 
 
