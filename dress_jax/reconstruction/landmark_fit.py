@@ -1,7 +1,7 @@
 """Stages that need landmarks only: coarse (S7.3), then pose and shape as well.
 
-Seven to two hundred unknowns and smooth residuals: Levenberg-Marquardt takes a few steps where Adam
-takes hundreds (docs/reconstruction.md has the measurement).
+Seven to two hundred unknowns and smooth residuals. Levenberg-Marquardt ends in a minimum and knows
+no rate; Adam takes about as long and does not always arrive (measured: docs/reconstruction.md).
 """
 
 import jax
