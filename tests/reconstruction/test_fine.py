@@ -68,7 +68,7 @@ def see(mapping, parameters, mask, *, noise=0.0, occluded=None):
 
 
 def mask_only(body, mapping, views: BodyViews) -> fine.FineProblem:
-    one, zero = jnp.asarray(1.0), jnp.asarray(0.0)
+    one, zero = jnp.float64(1.0), jnp.float64(0.0)  # of a strong type, as the package's own
     strengths = Strengths(rgb=zero, mask=one, landmark=zero, pose=zero, shape=zero, prior=zero)
     options = ReconstructionOptions(views_per_iteration=VIEWS)
     return fine.make_problem(body, mapping, views, None, strengths, options)

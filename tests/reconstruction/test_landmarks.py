@@ -114,7 +114,9 @@ def value_and_slopes(parameters, mapping, views):
     return jax.value_and_grad(lambda p: landmark_loss(mapping, views, p))(parameters)
 
 
-@pytest.mark.parametrize("kind", ["orthographic", "perspective"])
+@pytest.mark.parametrize(
+    "kind", ["orthographic", pytest.param("perspective", marks=pytest.mark.slow)]
+)
 def test_the_loss_has_the_derivative_of_its_differences(body, mapping, truth, kind):
     cameras = pinhole_ring() if kind == "perspective" else None
     cameras, landmarks, ids = seen_landmarks(mapping, truth, cameras=cameras)

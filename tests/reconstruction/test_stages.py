@@ -26,7 +26,8 @@ from dress_jax.reconstruction.losses import Strengths
 from dress_jax.reconstruction.parameters import free_columns, make_parameters, pack
 
 COARSE = ReconstructionOptions().coarse
-STRENGTHS = Strengths(*(jnp.asarray(value) for value in (1.0, 1.0, 100.0, 5e-4, 5e-5, 1e-5)))
+# Of a strong type, as the package's own, or every stage would compile twice.
+STRENGTHS = Strengths(*(jnp.float64(value) for value in (1.0, 1.0, 100.0, 5e-4, 5e-5, 1e-5)))
 # Levenberg-Marquardt stops where the loss falls by less than 1e-8 of itself.
 EXACT = 1e-5
 
