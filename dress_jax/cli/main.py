@@ -10,10 +10,11 @@ from dress_jax.cli.checking import check, gradcheck
 from dress_jax.cli.draping import drape, render
 from dress_jax.cli.environment import CACHE_VARIABLE
 from dress_jax.cli.fitting import demo, fit
+from dress_jax.cli.texturing import texture
 
 app = typer.Typer(
     name="dress-jax",
-    help="Sewing patterns on bodies: drape, render, fit to images, and check, free of "
+    help="Sewing patterns on bodies: drape, render, fit to images, texture, and check, free of "
     "intersections. Exit codes: 0 done, 2 bad input, 3 not converged or not free of "
     "intersections (results are written all the same).",
     no_args_is_help=True,
@@ -48,7 +49,7 @@ def options(
     context.obj = {"cache": cache_dir}
 
 
-for _command in (drape, render, fit, fit_body, check, gradcheck, demo):
+for _command in (drape, render, fit, fit_body, texture, check, gradcheck, demo):
     app.command()(_command)
 
 
