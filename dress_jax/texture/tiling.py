@@ -11,11 +11,15 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import Float
-from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+from scipy.ndimage import gaussian_filter1d
 
 CLEAR = 0.5
 """Correlation of the cloth with itself that makes a period."""
 
+HARMONICS = 3
+"""Waves that stand for a pattern, from its period downward."""
+
+_SEARCH = 0.08  # of a period, on either side of what correlation says
 _OVERLAP = 8  # the strip is a part of this of the image's length
 _SMALLEST_OVERLAP = 4
 _LONGER = 0.1  # of the mismatch's mean: what a tile of the full length is worth
@@ -80,8 +84,8 @@ def seamless_tile(
 def find_period(image: Float[np.ndarray, "h w 3"], *, axis: int) -> float | None:
     """The period of a pattern along an axis [texels], from its correlation with itself.
 
-    The first clear maximum after a dip counts, and its multiples refine it; a pattern that does not
-    change along the axis has no period.
+    The first clear maximum after a dip counts, and a fit of waves refines it; a pattern that does
+    not change along the axis has no period.
 
     Args:
         image: colours.
@@ -107,16 +111,14 @@ def find_period(image: Float[np.ndarray, "h w 3"], *, axis: int) -> float | None
     # Checks of unequal lines correlate a little with themselves at less than their period.
     peaks = peaks[correlation[peaks] >= 0.9 * correlation[peaks].max()]
     period = _refined(correlation, int(peaks[0]))
-    for multiple in range(2, int(lags[-1] / period) + 1):
-        near = round(multiple * period)
-        around = np.arange(max(near - 2, 1), min(near + 3, len(lags) - 1))
-        if not len(around):
-            break
-        top = int(around[correlation[around].argmax()])
-        if top in (around[0], around[-1]) or correlation[top] < CLEAR:
-            break
-        period = _refined(correlation, top) / multiple
-    return period
+    # A pattern on a slope of light has its correlation's maxima elsewhere; a fit of both has not.
+    step = period * period / (8.0 * count)
+    around = period + step * np.arange(-round(_SEARCH * period / step), 1 + period * _SEARCH / step)
+    fits = np.array([_explained(values, p) for p in around])
+    top = int(fits.argmax())
+    if top in (0, len(around) - 1):
+        return period
+    return float(around[0] + step * _refined(fits, top))
 
 
 def flatten_light(
@@ -124,7 +126,7 @@ def flatten_light(
 ) -> Float[np.ndarray, "h w 3"]:
     """Divide out the quadratic course of the brightness; its mean stays.
 
-    A pattern is averaged over its period first, lest a half stripe at the border pass for shade.
+    It is fitted together with the pattern's waves, lest a half stripe at the border pass for shade.
 
     Args:
         image: colours in [0, 1].
@@ -133,17 +135,23 @@ def flatten_light(
     image = np.asarray(image, np.float64)
     light = image.mean(axis=-1)
     height, width = light.shape
-    inner = [0, 0]
-    for axis, period in ((1, periods[0]), (0, periods[1])):
-        if period is not None and 2 <= round(period) <= light.shape[axis] // 2:
-            light = _running_mean(light, period, axis)
-            inner[axis] = int(np.ceil(0.5 * period))
-    y, x = np.meshgrid(np.linspace(-1, 1, height), np.linspace(-1, 1, width), indexing="ij")
-    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
-    inside = (slice(inner[0], height - inner[0]), slice(inner[1], width - inner[1]))
-    weights, *_ = np.linalg.lstsq(
-        terms[inside].reshape(-1, 6), light[inside].reshape(-1), rcond=None
+    down, right = _course(height), _course(width)
+    terms = np.stack(
+        [
+            down[:, i, None] * right[None, :, j]
+            for i, j in ((0, 0), (0, 1), (1, 0), (0, 2), (1, 1), (2, 0))
+        ],
+        axis=-1,
     )
+    pattern = [np.zeros((height, width, 0))]
+    if periods[0] is not None:
+        waves = _waves(width, periods[0])[None, :, :]
+        pattern.append(np.broadcast_to(waves, (height, *waves.shape[1:])))
+    if periods[1] is not None:
+        waves = _waves(height, periods[1])[:, None, :]
+        pattern.append(np.broadcast_to(waves, (height, width, waves.shape[2])))
+    every = np.concatenate([terms, *pattern], axis=-1).reshape(height * width, -1)
+    weights = np.linalg.lstsq(every, light.reshape(-1), rcond=None)[0][: terms.shape[-1]]
     course = terms @ weights
     mean = max(float(course.mean()), 1e-6)
     course = np.clip(course / mean, 0.25, 4.0)
@@ -253,10 +261,19 @@ def _refined(values: np.ndarray, peak: int) -> float:
     return peak + (0.5 * float((before - after) / curvature) if curvature < 0.0 else 0.0)
 
 
-def _running_mean(values: np.ndarray, period: float, axis: int) -> np.ndarray:
-    """Mean over one period; between two whole lengths where the period lies there."""
-    low = int(np.floor(period))
-    part = period - low
-    return (1.0 - part) * uniform_filter1d(values, low, axis=axis) + part * uniform_filter1d(
-        values, low + 1, axis=axis
-    )
+def _course(count: int) -> np.ndarray:
+    """1, x and x^2 over the length of an image, shape (count, 3)."""
+    x = np.linspace(-1.0, 1.0, count)
+    return np.stack([np.ones(count), x, x * x], axis=1)
+
+
+def _waves(count: int, period: float) -> np.ndarray:
+    """Sine and cosine of a period and its overtones, shape (count, 2 * HARMONICS)."""
+    phase = 2.0 * np.pi * np.arange(count)[:, None] * np.arange(1, HARMONICS + 1) / period
+    return np.concatenate([np.sin(phase), np.cos(phase)], axis=1)
+
+
+def _explained(values: np.ndarray, period: float) -> float:
+    """Part of the lines' variance that a quadratic course and a pattern of this period explain."""
+    basis, _ = np.linalg.qr(np.concatenate([_course(len(values)), _waves(len(values), period)], 1))
+    return float(((basis.T @ values) ** 2).sum() / max((values**2).sum(), 1e-300))
