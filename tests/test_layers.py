@@ -23,12 +23,13 @@ ALLOWED: dict[str, set[str]] = {
     "energy": {"core", "geometry"},
     "contact": {"core", "geometry"},
     "solver": {"core"},
+    "capture": {"core", "geometry", "pattern", "body", "render"},
     "sim": {"core", "geometry", "pattern", "energy", "contact", "solver"},
     "loss": _BELOW_SIM | {"sim"},
     "optimisation": _BELOW_SIM | {"sim", "loss"},
-    "io": _BELOW_SIM | {"sim", "loss", "optimisation"},
-    "application": _BELOW_SIM | {"sim", "loss", "optimisation", "io"},
-    "cli": _BELOW_SIM | {"sim", "loss", "optimisation", "io", "application"},
+    "io": _BELOW_SIM | {"capture", "sim", "loss", "optimisation"},
+    "application": _BELOW_SIM | {"capture", "sim", "loss", "optimisation", "io"},
+    "cli": _BELOW_SIM | {"capture", "sim", "loss", "optimisation", "io", "application"},
 }
 # Layers that may touch files, clocks and the environment.
 EFFECTS = {"io", "application", "cli"}

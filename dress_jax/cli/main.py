@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from dress_jax import __version__
+from dress_jax.cli.bundling import bundle
 from dress_jax.cli.checking import check, gradcheck
 from dress_jax.cli.draping import drape, render
 from dress_jax.cli.environment import CACHE_VARIABLE
@@ -47,7 +48,7 @@ def options(
     context.obj = {"cache": cache_dir}
 
 
-for _command in (drape, render, fit, check, gradcheck, demo):
+for _command in (drape, render, bundle, fit, check, gradcheck, demo):
     app.command()(_command)
 
 
