@@ -187,19 +187,21 @@ def world_vertices(estimate: BodyEstimate, model: BodyModel) -> Float[np.ndarray
     """The estimated body in our world [m], on a model that the user has.
 
     Args:
-        estimate: its shape coefficients must be those of `model`; further ones than the model has
-            are an error.
+        estimate: its shape coefficients must be those of `model`.
         model: from `io.bodies.load_body_model`.
+
+    Raises:
+        InputError: there are more shape coefficients than the model has.
     """
     real = model.template.dtype
-    betas = jnp.asarray(estimate.betas, real)
-    count = betas.shape[0]
-    if count > model.shapedirs.shape[2]:
+    count, components = len(estimate.betas), model.shapedirs.shape[2]
+    if count > components:
         raise InputError(
-            f"has {count} shape coefficients, the model {model.shapedirs.shape[2]}",
-            where="body, betas",
+            f"has {count} shape coefficients, the model {components}", where="body, betas"
         )
-    pelvis = model.joint_template[0] + model.joint_shapedirs[0, :, :count] @ betas
+    # Always the full number, so that one compiled program serves every estimate.
+    betas = jnp.asarray(np.pad(estimate.betas, (0, components - count)), real)
+    pelvis = model.joint_template[0] + model.joint_shapedirs[0] @ betas
     pose, translation = world_pose(estimate, np.asarray(pelvis, np.float64))
     state = forward(model, jnp.asarray(pose, real), betas, jnp.asarray(translation, real))
     return estimate.scale * np.asarray(state.vertices, np.float64)

@@ -100,6 +100,21 @@ TABLES: Mapping[str, LabelTable] = {
 """Ids, their names and our label, by the name of the data set or the network's training set."""
 
 
+def label_table(name: str) -> LabelTable:
+    """A table of `TABLES`.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    if name not in TABLES:
+        raise InputError(
+            f"there is no label table '{name}'",
+            where="label table",
+            mend=f"give one of {', '.join(TABLES)}",
+        )
+    return TABLES[name]
+
+
 def convert_labels(ids: Int[np.ndarray, "*shape"], table: str) -> UInt8[np.ndarray, "*shape"]:
     """Our labels of others' ids.
 
@@ -111,12 +126,7 @@ def convert_labels(ids: Int[np.ndarray, "*shape"], table: str) -> UInt8[np.ndarr
         InputError: there is no such table, the ids are no whole numbers, or the table lacks one
             of them; the message names it.
     """
-    if table not in TABLES:
-        raise InputError(
-            f"there is no label table '{table}'",
-            where="label table",
-            mend=f"give one of {', '.join(TABLES)}",
-        )
+    known = label_table(table)
     ids = np.asarray(ids)
     if ids.dtype.kind not in "iu":
         raise InputError(
@@ -124,7 +134,6 @@ def convert_labels(ids: Int[np.ndarray, "*shape"], table: str) -> UInt8[np.ndarr
             where=f"label table '{table}'",
             mend="give the ids themselves, not colours or scores",
         )
-    known = TABLES[table]
     unknown = sorted(int(i) for i in np.unique(ids) if int(i) not in known)
     if unknown:
         raise InputError(

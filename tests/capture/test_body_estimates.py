@@ -40,7 +40,7 @@ def test_the_world_body_is_the_tools_body_turned_scaled_and_moved():
     state = forward(
         model,
         jnp.asarray(estimate.pose),
-        jnp.asarray(estimate.betas),
+        jnp.asarray(np.pad(estimate.betas, (0, 10))),
         jnp.asarray(estimate.transl),
     )
     expected = 1.3 * np.asarray(state.vertices) @ CAMERA_TO_WORLD.T + estimate.origin
@@ -119,7 +119,7 @@ def test_magicmans_body_keeps_its_rotations_and_its_frame(tmp_path):
     assert found.scale == pytest.approx(1.0) and found.betas[3] == 3.0
     # (v + trans) scale diag(1, -1, -1), in units of 1.25 m, for a vertex v
     vertex = np.array([0.3, -0.5, 0.2])
-    unit = (vertex + [0.1, 0.2, 0.3]) * 0.8 * [1.0, -1.0, -1.0]
+    unit = (vertex + np.array([0.1, 0.2, 0.3])) * 0.8 * [1.0, -1.0, -1.0]
     world = found.to_world @ (found.scale * (vertex + found.transl)) + found.origin
     np.testing.assert_allclose(world, 1.25 * unit + [0.0, 0.9, 0.0], atol=EXACT)
     broken = write(tmp_path / "b.json", {**magicman_body(vectors), "body_pose": [0.0] * 7})

@@ -1,5 +1,6 @@
 """SewFactory, 4D-Dress and CloSe: synthetic frames, and the real SewFactory scene."""
 
+import dataclasses
 import pickle
 
 import jax.numpy as jnp
@@ -24,6 +25,7 @@ from dress_jax.render.cameras import project
 PIXELS = 1e-3
 EXACT = 1e-9
 INSIDE = 0.985  # of the garment's silhouette lies on the person: polygons gain half a pixel
+COVERED = 0.5  # IoU of two bodies of different shape in one pose
 SAME = 0.95  # IoU of the drawn garment and the dress by its colour, where nothing hides it
 
 
@@ -115,7 +117,7 @@ def test_bad_scenes_of_sewfactory_are_named(tmp_path):
     with pytest.raises(InputError, match="holds no static/"):
         read_sewfactory(tmp_path)
     folder = sewfactory_scene(tmp_path / "a")
-    with pytest.raises(InputError, match="has no pose '0050'.*its poses are 0000"):
+    with pytest.raises(InputError, match=r"has no pose '0050'.*its poses are 0000"):
         read_sewfactory(folder, pose="0050")
     camera = folder / "renders" / "0000_frontcam_pos.json"
     write(camera, {**sewfactory_camera(0.0), "cam_R": np.ones((3, 3)).tolist()})
@@ -162,30 +164,28 @@ def test_the_true_garment_of_sewfactory_projects_onto_its_pixels(real_scene, pos
     dress = ndimage.binary_closing(person & (blue >= red + 4), iterations=6)
     dress = ndimage.binary_fill_holes(dress) & person
     assert (drawn & dress).sum() > SAME * (drawn | dress).sum()
-    mirrored = drawn[:, ::-1]
-    assert (mirrored & dress).sum() < SAME * (mirrored | dress).sum()
+    if pose != "static":  # which is its own mirror image
+        mirrored = drawn[:, ::-1]
+        assert (mirrored & dress).sum() < SAME * (mirrored | dress).sum()
 
 
 def test_the_true_body_of_sewfactory_stands_on_its_pixels(real_scene):
-    """The default body in the scene's pose, though of another shape, covers the person."""
+    """The default body in the scene's pose, though of another shape, covers most of the person.
+
+    With the angles composed in another order it covers a quarter.
+    """
     bundle = read_sewfactory(real_scene, pose="0000")
     body = bundle.body
     assert body is not None
     model = load_default_body()
     # Shape spaces differ: the pose alone, with the pelvis where the scene has it.
-    import dataclasses
-
-    pelvis_of = np.asarray(model.joint_template)[0]
-    smpl_pelvis = np.array([-0.0007, -0.2125, 0.0293])
-    plain = dataclasses.replace(
-        body, betas=np.zeros(1), transl=body.transl + smpl_pelvis - pelvis_of
-    )
-    vertices = world_vertices(plain, model)
-    for name in ("front", "back"):
-        [view] = [view for view in bundle.views if view.name == name]
-        assert view.matte is not None
-        drawn, person = silhouette(view.camera, vertices, np.asarray(model.faces)), view.matte > 0
-        assert (drawn & person).sum() > 0.5 * (drawn | person).sum()
+    pelvis = np.array([-0.0007, -0.2125, 0.0293])  # of SMPL-H for the scene's shape [m]
+    moved = body.transl + pelvis - np.asarray(model.joint_template)[0]
+    vertices = world_vertices(dataclasses.replace(body, betas=np.zeros(1), transl=moved), model)
+    [view] = [view for view in bundle.views if view.name == "front"]
+    assert view.matte is not None
+    drawn, person = silhouette(view.camera, vertices, np.asarray(model.faces)), view.matte > 0
+    assert (drawn & person).sum() > COVERED * (drawn | person).sum()
 
 
 # --- pickles ------------------------------------------------------------------------------------
@@ -319,7 +319,7 @@ def test_a_frame_of_4d_dress_is_seen_as_opencv_sees_it(tmp_path, turn):
 
 def test_bad_frames_of_4d_dress_are_named(tmp_path):
     four_d_dress(tmp_path)
-    with pytest.raises(InputError, match="has no frame '99'.*00011"):
+    with pytest.raises(InputError, match=r"has no frame '99'.*00011"):
         read_four_d_dress(tmp_path, frame="99")
     dump(tmp_path / "Semantic" / "labels" / "label-f00011.pkl", {"scan_labels": np.full(5, 8)})
     with pytest.raises(InputError, match=r"label-f00011\.pkl.*does not know id 8"):

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from dress_jax.capture.bundle import Bundle
-from dress_jax.capture.labels import convert_labels
+from dress_jax.capture.labels import convert_labels, label_table
 from dress_jax.capture.views import View, with_labels
 from dress_jax.core.errors import InputError
 from dress_jax.io.capture.fields import within
@@ -26,6 +26,7 @@ def read_labels(path: str | Path, table: str) -> UInt8[np.ndarray, "h w"]:
     Raises:
         InputError: the file cannot be read as ids, or the table lacks one of them.
     """
+    label_table(table)  # before the file: it may not be the file's fault
     ids = read_ids(path)
     with within(path):
         return convert_labels(ids, table)
