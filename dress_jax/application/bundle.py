@@ -22,6 +22,7 @@ from dress_jax.io.capture.preview import contact_sheet
 from dress_jax.io.capture.pshuman import read_pshuman
 from dress_jax.io.capture.sewfactory import read_sewfactory
 from dress_jax.io.capture.specifications import read_specification
+from dress_jax.io.capture.target_folders import read_target_folder
 from dress_jax.io.results import write_picture
 
 PREVIEW = "preview.png"
@@ -31,6 +32,7 @@ class Source(enum.Enum):
     """Formats that are read."""
 
     BUNDLE = "bundle"
+    TARGETS = "targets"
     PHOTOGRAPH = "photograph"
     LABELS = "labels"
     OPENPOSE = "openpose"
@@ -52,6 +54,7 @@ def _magicman_body(path: Path) -> Bundle:
 
 _READERS: Mapping[Source, Callable[..., Bundle]] = {
     Source.BUNDLE: load_bundle,
+    Source.TARGETS: read_target_folder,
     Source.PHOTOGRAPH: read_photograph,
     Source.LABELS: read_label_map,
     Source.OPENPOSE: read_openpose,
@@ -137,7 +140,7 @@ def _content(bundle: Bundle, part: str) -> str:
         return f"{int((value.confidence > 0.0).sum())} of {len(value.points)} found"
     if part == "body":
         return f"{value.family.value}, {len(value.betas)} betas"
-    if part in ("surface", "scan"):
+    if part in ("body_mesh", "scan"):
         labelled = "" if value.labels is None else ", labelled"
         return f"{len(value.vertices)} vertices, {len(value.faces)} faces{labelled}"
     if part == "pattern":

@@ -20,7 +20,17 @@ from dress_jax.capture.views import View
 from dress_jax.core.errors import InputError
 from dress_jax.pattern.model import Pattern
 
-PARTS = ("image", "matte", "labels", "landmarks", "body", "surface", "scan", "views", "pattern")
+PARTS = (
+    "image",
+    "matte",
+    "labels",
+    "landmarks",
+    "body",
+    "body_mesh",
+    "scan",
+    "views",
+    "pattern",
+)
 """Names of the parts, in the order in which they are shown."""
 
 
@@ -34,7 +44,7 @@ class Bundle:
         labels: `ClothesLabel` of its pixels, shape (h, w).
         landmarks: of the person in it.
         body: pose and shape of an SMPL-X body.
-        surface: the body as a mesh, from tools that write no parameters.
+        body_mesh: the body as a mesh, from tools that write no parameters.
         scan: the dressed person or the garment, with labels where they are known.
         views: pictures from cameras around the person, with distinct names.
         pattern: where a fit may begin.
@@ -50,7 +60,7 @@ class Bundle:
     labels: UInt8[np.ndarray, "h w"] | None = None
     landmarks: Landmarks | None = None
     body: BodyEstimate | None = None
-    surface: Surface | None = None
+    body_mesh: Surface | None = None
     scan: Surface | None = None
     views: tuple[View, ...] = ()
     pattern: Pattern | None = None
@@ -107,7 +117,7 @@ def _check_types(bundle: Bundle) -> None:
     for part, kind in (
         ("landmarks", Landmarks),
         ("body", BodyEstimate),
-        ("surface", Surface),
+        ("body_mesh", Surface),
         ("scan", Surface),
         ("pattern", Pattern),
     ):

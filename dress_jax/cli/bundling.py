@@ -14,6 +14,7 @@ class SourceName(enum.Enum):
     """Formats that are read; values as in `application.bundle.Source`, which is slow to import."""
 
     BUNDLE = "bundle"
+    TARGETS = "targets"
     PHOTOGRAPH = "photograph"
     LABELS = "labels"
     OPENPOSE = "openpose"

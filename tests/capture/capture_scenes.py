@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from dress_jax.capture import BodyEstimate, Bundle, ClothesLabel, Landmarks, Surface, View
 from dress_jax.capture.body import CAMERA_TO_WORLD
@@ -92,7 +93,7 @@ def full_bundle():
         labels=labels(),
         landmarks=landmarks(rng),
         body=body(rng, scale=1.23),
-        surface=Surface(vertices, faces),
+        body_mesh=Surface(vertices, faces),
         scan=Surface(
             vertices[::-1],
             np.zeros((0, 3), int),
@@ -115,3 +116,19 @@ def write(path, document):
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(document))
     return path
+
+
+def magicman_body(vectors):
+    """MagicMan's file for 53 joint rotations, hands as matrices and the rest as two columns."""
+    matrices = Rotation.from_rotvec(vectors).as_matrix()
+    return {
+        "betas": np.arange(10.0).tolist(),
+        "global_orient": matrices[0, :, :2].ravel().tolist(),
+        "body_pose": matrices[1:22, :, :2].tolist(),
+        "exp": [0.5] * 10,
+        "jaw_pose": matrices[22].tolist(),
+        "left_hand_pose": matrices[23:38].tolist(),
+        "right_hand_pose": matrices[38:53].tolist(),
+        "trans": [0.1, 0.2, 0.3],
+        "scale": 0.8,
+    }

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from capture_scenes import body, write
+from capture_scenes import body, magicman_body, write
 from scipy.spatial.transform import Rotation
 
 from dress_jax.body.model import forward
@@ -94,22 +94,6 @@ def test_smpler_x_is_turned_out_of_the_cameras_frame(tmp_path):
         read_smpler_x(tmp_path / "odd.npz")
 
 
-def magicman_body(vectors):
-    """The file for 54 joint rotations, hands as matrices and the rest as two columns."""
-    matrices = Rotation.from_rotvec(vectors).as_matrix()
-    return {
-        "betas": np.arange(10.0).tolist(),
-        "global_orient": matrices[0, :, :2].ravel().tolist(),
-        "body_pose": matrices[1:22, :, :2].tolist(),
-        "exp": [0.5] * 10,
-        "jaw_pose": matrices[22].tolist(),
-        "left_hand_pose": matrices[23:38].tolist(),
-        "right_hand_pose": matrices[38:53].tolist(),
-        "trans": [0.1, 0.2, 0.3],
-        "scale": 0.8,
-    }
-
-
 def test_magicmans_body_keeps_its_rotations_and_its_frame(tmp_path):
     vectors = 0.7 * RNG.normal(size=(53, 3))
     path = write(tmp_path / "smplx_refined.json", magicman_body(vectors))
@@ -130,7 +114,7 @@ def test_magicmans_body_keeps_its_rotations_and_its_frame(tmp_path):
 def test_osx_is_a_mesh_of_smplx_vertices(tmp_path):
     rows = [f"v {x} {2 * x} 3" for x in range(10475)]
     (tmp_path / "o.obj").write_text("\n".join([*rows, "f 1 2 3"]))
-    found = read_osx(tmp_path / "o.obj").surface
+    found = read_osx(tmp_path / "o.obj").body_mesh
     assert found is not None
     np.testing.assert_array_equal(found.vertices[2], [2.0, -4.0, -3.0])
     (tmp_path / "small.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")

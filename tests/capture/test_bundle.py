@@ -29,7 +29,7 @@ def test_an_empty_bundle_is_refused_and_one_part_is_enough():
         Bundle()
     assert Bundle(labels=labels()).present == ("labels",)
     assert full_bundle().present == (
-        *("image", "matte", "labels", "landmarks", "body", "surface", "scan", "views", "pattern"),
+        *("image", "matte", "labels", "landmarks", "body", "body_mesh", "scan", "views", "pattern"),
     )
 
 

@@ -101,7 +101,7 @@ def test_damage_is_named(tmp_path):
     save_bundle(folder, full_bundle())
     document = json.loads((folder / "bundle.json").read_text())
     for changed, message in [
-        ({**document, "format": 99}, "has format 99"),
+        ({**document, "format": 99}, "is not of format 1"),
         ({**document, "pictures": None}, "does not list"),
         ({**document, "arrays": ["views/018/depth"]}, r"arrays\.npz: .*lacks an array"),
         ({k: v for k, v in document.items() if k != "sources"}, "lacks something.*sources"),

@@ -1,6 +1,7 @@
 """Bundles as what a fit looks at."""
 
 import dataclasses
+import shutil
 
 import jax
 import numpy as np
@@ -10,11 +11,11 @@ from capture_scenes import SIZE, camera, labels
 from dress_jax.application.bundle_targets import bundle_targets, draw_masks, read_views
 from dress_jax.application.targets import read_targets
 from dress_jax.capture import Bundle, Surface, View
-from dress_jax.capture.views import unit_normals, with_labels
+from dress_jax.capture.views import with_labels
 from dress_jax.core.errors import InputError
 from dress_jax.io.capture.bundles import save_bundle
-from dress_jax.io.capture.pictures import read_coverage, read_pixels
-from dress_jax.io.images import Targets, read_normals, save_targets
+from dress_jax.io.capture.target_folders import read_target_folder
+from dress_jax.io.images import Targets, save_targets
 from dress_jax.render.cameras import cameras_to_dict
 from dress_jax.render.rings import magicman_cameras
 
@@ -39,34 +40,12 @@ def target_folder(folder):
         parts=parts,
     )
     save_targets(folder, targets)
-    return cameras
-
-
-def as_bundle(folder, cameras):
-    """The same pictures, gathered by hand."""
-    views = []
-    for azimuth, made in zip(AZIMUTHS, cameras, strict=True):
-        name = f"{azimuth:03d}"
-        mask = read_coverage(folder / "mask" / f"{name}.png")
-        parts = {p: read_coverage(folder / f"mask-{p}" / f"{name}.png") for p in ("top", "bottom")}
-        encoded = read_normals(folder / "normal" / f"{name}.png")
-        views.append(
-            View(
-                name=name,
-                camera=made,
-                rgb=read_pixels(folder / "rgb" / f"{name}.png")[0],
-                mask=mask,
-                parts=parts,
-                normal=unit_normals(encoded, mask),
-            )
-        )
-    return Bundle(views=tuple(views))
 
 
 @pytest.mark.parametrize("name", ["bundle.h5", "bundle"])
 def test_a_fit_sees_a_bundle_as_it_sees_a_target_folder(tmp_path, name):
-    cameras = target_folder(tmp_path / "targets")
-    save_bundle(tmp_path / name, as_bundle(tmp_path / "targets", cameras))
+    target_folder(tmp_path / "targets")
+    save_bundle(tmp_path / name, read_target_folder(tmp_path / "targets"))
     expected = read_targets(tmp_path / "targets")
     found = read_views(tmp_path / name)
     assert found.azimuths == expected.azimuths == AZIMUTHS
@@ -167,3 +146,13 @@ def test_masks_need_a_labelled_mesh_and_views():
     ]:
         with pytest.raises(InputError, match=message):
             draw_masks(Bundle(views=views, scan=scan))
+
+
+def test_bad_target_folders_are_named(tmp_path):
+    target_folder(tmp_path)
+    shutil.rmtree(tmp_path / "mask")
+    with pytest.raises(InputError, match="normals without masks"):
+        read_target_folder(tmp_path)
+    shutil.rmtree(tmp_path / "normal")
+    [first, *_] = read_target_folder(tmp_path).views
+    assert first.mask is None and first.rgb is not None and len(first.parts) == 2

@@ -3,8 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from capture_scenes import save, write
-from test_body_estimates import magicman_body
+from capture_scenes import magicman_body, save, write
 
 from dress_jax.capture.frames import generator_frame, view_azimuth
 from dress_jax.core.errors import InputError

@@ -131,6 +131,6 @@ def read_osx(path: str | Path) -> Bundle:
             mend="give the OBJ file of OSX's demo",
         )
     return Bundle(
-        surface=Surface(vertices=vertices @ CAMERA_TO_WORLD.T, faces=faces),
-        sources={"surface": "OSX"},
+        body_mesh=Surface(vertices=vertices @ CAMERA_TO_WORLD.T, faces=faces),
+        sources={"body_mesh": "OSX"},
     )

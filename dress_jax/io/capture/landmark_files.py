@@ -12,8 +12,8 @@ from dress_jax.io.arrays import read_npz
 from dress_jax.io.capture.fields import field, within
 from dress_jax.io.documents import read_json
 
-_POINTS = ("keypoints", "points", "kpts", "bodies")
-_SCORES = ("scores", "confidence", "keypoint_scores", "subset")
+_POINTS = ("keypoints", "points")
+_SCORES = ("scores", "confidence", "keypoint_scores")
 _HALVES = {
     "face": "face_keypoints_2d",
     "left_hand": "hand_left_keypoints_2d",

@@ -4,13 +4,14 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Int, UInt8
-from PIL import Image
+from PIL import Image, ImageOps
 
 from dress_jax.core.errors import InputError
 from dress_jax.io.atomic import atomic_path
 from dress_jax.io.images import opened
 
 _ID_MODES = ("P", "L", "1", "I", "I;16")
+_DEEP_MODES = ("I", "I;16", "I;16B", "F")
 
 
 def read_pixels(
@@ -18,10 +19,14 @@ def read_pixels(
 ) -> tuple[UInt8[np.ndarray, "h w 3"], UInt8[np.ndarray, "h w"] | None]:
     """Colours and, where the file has it, the alpha channel. Transparency is laid over white.
 
+    A photograph that its camera took on the side is turned upright, as most tools read it.
+
     Raises:
-        InputError: the file is missing or no picture.
+        InputError: the file is missing, no picture, or has more than 8 bits.
     """
-    with opened(path) as image:
+    with opened(path) as taken:
+        _eight_bits(path, taken)
+        image = ImageOps.exif_transpose(taken)
         if "A" not in image.getbands() and "transparency" not in image.info:
             return np.array(image.convert("RGB")), None
         rgba = np.array(image.convert("RGBA"))
@@ -34,9 +39,10 @@ def read_coverage(path: str | Path) -> UInt8[np.ndarray, "h w"]:
     """A mask, from a grey picture or the alpha channel of one that has it.
 
     Raises:
-        InputError: the file is missing or no picture.
+        InputError: the file is missing, no picture, or has more than 8 bits.
     """
     with opened(path) as image:
+        _eight_bits(path, image)
         grey = image.getchannel("A") if "A" in image.getbands() else image.convert("L")
         return np.array(grey)
 
@@ -71,6 +77,15 @@ def read_ids(path: str | Path) -> Int[np.ndarray, "h w"]:
                 mend="give the label map as a palette PNG, a grey PNG of ids, or an npy array",
             )
         return np.array(image).astype(np.int64)
+
+
+def _eight_bits(path: str | Path, image: Image.Image) -> None:
+    if image.mode in _DEEP_MODES:
+        raise InputError(
+            f"has more than 8 bits per pixel (mode {image.mode})",
+            where=str(path),
+            mend="save it with 8 bits",
+        )
 
 
 def write_pixels(path: str | Path, pixels: np.ndarray) -> None:

@@ -49,7 +49,7 @@ def to_record(bundle: Bundle) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     if bundle.landmarks is not None:
         arrays["landmarks/points"] = bundle.landmarks.points
         arrays["landmarks/confidence"] = bundle.landmarks.confidence
-    for part in ("surface", "scan"):
+    for part in ("body_mesh", "scan"):
         surface = getattr(bundle, part)
         if surface is not None:
             found = {name: getattr(surface, name) for name in _SURFACE}
@@ -85,9 +85,9 @@ def from_record(
     Raises:
         InputError: another format, something is missing, or the content is malformed.
     """
-    if document.get("format") != FORMAT:
+    if not isinstance(document, Mapping) or document.get("format") != FORMAT:
         raise InputError(
-            f"has format {document.get('format')}, this version reads {FORMAT}",
+            f"is not of format {FORMAT}, which this version reads",
             where=source,
             mend="make the bundle again",
         )
@@ -103,7 +103,7 @@ def from_record(
             labels=arrays.get("labels"),
             landmarks=landmarks,
             body=None if body is None else _body(body),
-            surface=_surface("surface", arrays),
+            body_mesh=_surface("body_mesh", arrays),
             scan=_surface("scan", arrays),
             views=views,
             pattern=None if pattern is None else parse_specification(pattern, source=source),
