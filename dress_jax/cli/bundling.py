@@ -38,7 +38,8 @@ def bundle(
         Path, typer.Option(help="HDF5 file (.h5, .hdf5), or a folder for anything else.")
     ],
     onto: Annotated[
-        Path | None, typer.Option(help="Bundle to which the parts are added; it stays as it is.")
+        Path | None,
+        typer.Option(help="Bundle to add the parts to; --out may be the same."),
     ] = None,
     replace: Annotated[
         bool, typer.Option("--replace", help="Parts may take the place of those in --onto.")
@@ -54,7 +55,7 @@ def bundle(
         typer.Option(
             "--mirrored/--upright",
             help="pshuman: whether back and left are stored as mirror images; they are unless "
-            "given.",
+            "--upright is given.",
             show_default=False,
         ),
     ] = None,
@@ -65,7 +66,8 @@ def bundle(
     table_name: Annotated[
         str | None,
         typer.Option(
-            "--table", help="labels: whose ids they are: atr, lip, fashn, sapiens, close, 4d-dress."
+            "--table",
+            help="labels: whose ids they are: atr, lip, fashn, sapiens, close, 4d-dress, or own.",
         ),
     ] = None,
     person: Annotated[
