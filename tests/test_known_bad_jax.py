@@ -22,7 +22,15 @@ FIRST_WRONG = {jnp.float64: 16_385, jnp.float32: 32_769}
 WRONG_SUM = ("0.10.0", "0.10.1")
 
 PACKAGE = Path(dress_jax.__file__).parent
-COMPONENT_LAYERS = ("energy", "contact", "sim", "render", "loss", "optimisation")
+COMPONENT_LAYERS = (
+    "energy",
+    "contact",
+    "sim",
+    "render",
+    "loss",
+    "optimisation",
+    "reconstruction",
+)
 PRODUCTS = {"dot", "dot_general", "einsum", "inner", "matmul", "matvec", "tensordot", "vecmat"}
 # On the host, by NumPy.
 HOST_PRODUCTS = {("render/cameras.py", "rotation @ rotation.T")}

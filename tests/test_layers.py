@@ -27,9 +27,11 @@ ALLOWED: dict[str, set[str]] = {
     "sim": {"core", "geometry", "pattern", "energy", "contact", "solver"},
     "loss": _BELOW_SIM | {"sim"},
     "optimisation": _BELOW_SIM | {"sim", "loss"},
-    "io": _BELOW_SIM | {"capture", "sim", "loss", "optimisation"},
-    "application": _BELOW_SIM | {"capture", "sim", "loss", "optimisation", "io"},
-    "cli": _BELOW_SIM | {"capture", "sim", "loss", "optimisation", "io", "application"},
+    "reconstruction": {"core", "geometry", "body", "render", "loss"},
+    "io": _BELOW_SIM | {"capture", "sim", "loss", "optimisation", "reconstruction"},
+    "application": _BELOW_SIM | {"capture", "sim", "loss", "optimisation", "reconstruction", "io"},
+    "cli": _BELOW_SIM
+    | {"capture", "sim", "loss", "optimisation", "reconstruction", "io", "application"},
 }
 # Layers that may touch files, clocks and the environment.
 EFFECTS = {"io", "application", "cli"}

@@ -14,16 +14,27 @@ jax.config.update("jax_enable_x64", True)
 
 import numpy as np  # noqa: E402
 
-from benchmarks.recovery.cases import STARTS, STIFFNESS, VIEWS, Case  # noqa: E402
+from benchmarks.recovery.cases import STARTS, STIFFNESS, VIEWS, Case, Start  # noqa: E402
 from benchmarks.recovery.truth import held_out, make_targets, make_truth, wearer  # noqa: E402
+from benchmarks.recovery.variants import VARIANTS  # noqa: E402
 from dress_jax.application.drape import DrapeOptions  # noqa: E402
 from dress_jax.application.fit import fit_pattern, fit_report, scheduled  # noqa: E402
 from dress_jax.application.fit_files import save_fit  # noqa: E402
+from dress_jax.application.fit_knowledge import NORMAL_95  # noqa: E402
 from dress_jax.application.targets import read_targets  # noqa: E402
 from dress_jax.core.errors import InputError  # noqa: E402
+from dress_jax.core.pytree import replace  # noqa: E402
 from dress_jax.io.patterns import load_pattern  # noqa: E402
-from dress_jax.optimisation import FitMethod, evaluate  # noqa: E402
-from dress_jax.pattern import scaled  # noqa: E402
+from dress_jax.optimisation import Uncertainty, evaluate  # noqa: E402
+from dress_jax.pattern import (  # noqa: E402
+    Pattern,
+    edge_lengths,
+    edge_table,
+    pattern_parameters,
+    scaled,
+    with_parameters,
+)
+from dress_jax.pattern.validation import validate  # noqa: E402
 from dress_jax.solver import NewtonOptions  # noqa: E402
 
 
@@ -39,14 +50,13 @@ def recover(case: Case, data: Path, out: Path, options: argparse.Namespace) -> d
     folder = out / "truth" / f"{case.pattern}@{case.body}"
     truth = make_truth(folder, truth_pattern, body, draping)
     views = read_targets(make_targets(folder, truth, VIEWS[case.view]))
-    fitting = scheduled(
-        options.iterations, method=FitMethod(options.method), initial_stiffness=STIFFNESS
-    )
+    fitting = scheduled(options.iterations, initial_stiffness=STIFFNESS)
+    fitting = VARIANTS[case.variant](fitting)
     place = out / "fits" / case.name
     place.mkdir(parents=True, exist_ok=True)
     began = time.perf_counter()
     result = fit_pattern(
-        scaled(truth_pattern, {"*": STARTS[case.start]}),
+        wrong(truth_pattern, STARTS[case.start]),
         body,
         views,
         place,
@@ -74,6 +84,8 @@ def recover(case: Case, data: Path, out: Path, options: argparse.Namespace) -> d
         "largest_error": [result.before.largest_length_error, result.after.largest_length_error],
         "bending_error": float(bending),
         "stretching_error": float(stretching),
+        "valid": valid(result.pattern),
+        "covered": covered(result.known, truth_pattern),
         "iterations": len(history),
         "rejected": sum(record["outcome"] != "accepted" for record in history),
         "remeshed": len(result.course.remeshed),
@@ -88,15 +100,41 @@ def recover(case: Case, data: Path, out: Path, options: argparse.Namespace) -> d
     }
 
 
+def wrong(truth: Pattern, start: Start) -> Pattern:
+    """The pattern that a fit begins with; corners that are sewn together move on their own."""
+    pattern = scaled(truth, {"*": (start.width, start.length)})
+    if not start.noise:
+        return pattern
+    parameters, random = pattern_parameters(pattern), np.random.default_rng(0)
+    way = start.noise * random.normal(size=parameters.vertices.shape)
+    return with_parameters(pattern, replace(parameters, vertices=parameters.vertices + way))
+
+
+def valid(pattern: Pattern) -> bool:
+    """Whether all panels are simple closed loops."""
+    try:
+        validate(pattern)
+    except InputError:
+        return False
+    return True
+
+
+def covered(known: Uncertainty | None, truth: Pattern) -> float | None:
+    """The share of true edge lengths that lie within their 95 % intervals."""
+    if known is None:
+        return None
+    lengths = np.asarray(edge_lengths(pattern_parameters(truth), edge_table(truth)))
+    return float(np.mean(np.abs(known.lengths - lengths) <= NORMAL_95 * known.length_deviation))
+
+
 def main() -> None:
     """Run one case and write its row."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("case", nargs=4, metavar=("PATTERN", "BODY", "START", "VIEW"))
+    parser.add_argument("case", nargs=5, metavar=("PATTERN", "BODY", "START", "VIEW", "VARIANT"))
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--edge-length", type=float, required=True)
     parser.add_argument("--iterations", type=int, required=True)
-    parser.add_argument("--method", required=True)
     options = parser.parse_args()
     case = Case(*options.case)
     row: dict = {"name": case.name, **dataclasses.asdict(case)}

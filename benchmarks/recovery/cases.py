@@ -4,6 +4,8 @@ import dataclasses
 import itertools
 from collections.abc import Iterator, Mapping
 
+from benchmarks.recovery.variants import WHOLE
+
 PATTERNS = (
     "tshirt",
     "fitted_shirt_long",
@@ -30,12 +32,28 @@ BODIES: Mapping[str, Mapping[str, str]] = {
 }
 """The body for which the patterns were drafted, and the default one with its measurements."""
 
-STARTS: Mapping[str, tuple[float, float]] = {
-    "10%": (1.10, 0.90),
-    "25%": (1.25, 0.75),
-    "long": (1.00, 1.50),
+
+@dataclasses.dataclass(frozen=True)
+class Start:
+    """How wrong a fit begins.
+
+    Attributes:
+        width, length: factors on every panel.
+        noise: standard deviation of its corners [m].
+    """
+
+    width: float
+    length: float
+    noise: float = 0.0
+
+
+STARTS: Mapping[str, Start] = {
+    "10%": Start(1.10, 0.90),
+    "25%": Start(1.25, 0.75),
+    "long": Start(1.00, 1.50),
+    "bad": Start(1.30, 0.65, 0.01),
 }
-"""Factors on widths and lengths of every panel: wider and shorter, or half as long again."""
+"""Wider and shorter, half as long again, and one that no predictor would dare: for long runs."""
 
 STIFFNESS = (1.5, 0.5)
 """Factors on stretching and bending with which a fit begins; the truth is 1."""
@@ -47,11 +65,13 @@ class View:
 
     Attributes:
         views: number of cameras.
+        size: of the pictures [px].
         erosion: of the masks [px].
         normal_noise: standard deviation of the normals' tilt [degrees].
     """
 
     views: int = 20
+    size: int = 512
     erosion: int = 0
     normal_noise: float = 0.0
 
@@ -61,8 +81,9 @@ VIEWS: Mapping[str, View] = {
     "eroded": View(erosion=3),
     "noisy": View(normal_noise=10.0),
     "few": View(views=8),
+    "small": View(views=12, size=256),
 }
-"""The clean observation, and three degraded ones."""
+"""The clean observation, three degraded ones, and one for quick comparisons."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,17 +92,20 @@ class Case:
 
     Attributes:
         pattern, body, start, view: keys of the tables above.
+        variant: key of `variants.VARIANTS`.
     """
 
     pattern: str
     body: str
     start: str
     view: str
+    variant: str = WHOLE
 
     @property
     def name(self) -> str:
         """For files and tables."""
-        return f"{self.pattern}@{self.body}-{self.start.rstrip('%')}-{self.view}"
+        whole = f"{self.pattern}@{self.body}-{self.start.rstrip('%')}-{self.view}"
+        return whole if self.variant == WHOLE else f"{whole}+{self.variant}"
 
 
 def cases(
@@ -89,7 +113,10 @@ def cases(
     bodies: tuple[str, ...],
     starts: tuple[str, ...],
     views: tuple[str, ...],
+    variants: tuple[str, ...],
 ) -> Iterator[Case]:
     """All combinations, the clean ones of every pattern first."""
-    for view, start, body, pattern in itertools.product(views, starts, bodies, patterns):
-        yield Case(pattern, body, start, view)
+    for view, start, body, pattern, variant in itertools.product(
+        views, starts, bodies, patterns, variants
+    ):
+        yield Case(pattern, body, start, view, variant)

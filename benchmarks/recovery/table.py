@@ -21,7 +21,7 @@ def reached(row: dict) -> dict[str, bool]:
         "edges": row["median_error"][1] <= MEDIAN,
         "bending": abs(row["bending_error"]) <= BENDING,
         "time": row["seconds"] <= 60.0 * MINUTES,
-        "free": row["crossings"] == 0,
+        "free": row["crossings"] == 0 and row["valid"],
     }
 
 
@@ -30,12 +30,13 @@ def line(row: dict) -> str:
     if "error" in row:
         return f"{row['name']:42} {row['error']}"
     held, chamfer = row["held_out"], row["chamfer_cm"]
+    known = "-" if row.get("covered") is None else f"{100.0 * row['covered']:.0f} %"
     median, largest = (100.0 * np.array(row[k]) for k in ("median_error", "largest_error"))
     return (
         f"{row['name']:42} {row['vertices']:5d} {row['iou'][0]:6.3f} {row['iou'][1]:6.4f} "
         f"{held[0]:6.3f} {held[1]:6.4f} {chamfer[0]:6.2f} {chamfer[1]:6.3f} "
         f"{median[0]:6.1f} {median[1]:6.2f} {largest[0]:6.1f} {largest[1]:6.1f} "
-        f"{100.0 * row['bending_error']:7.0f} {100.0 * row['stretching_error']:7.0f} "
+        f"{100.0 * row['bending_error']:7.0f} {100.0 * row['stretching_error']:7.0f} {known:>5} "
         f"{row['iterations']:4d} {row['rejected']:4d} {row['remeshed']:3d} "
         f"{row['crossings']:3d} {row['seconds']:6.0f} {row['peak_mb']:6.0f}"
     )
@@ -43,7 +44,7 @@ def line(row: dict) -> str:
 
 HEAD = (
     f"{'case':42} {'verts':>5} {'IoU':>13} {'held-out IoU':>13} {'Chamfer [cm]':>13} "
-    f"{'median edge %':>13} {'largest edge %':>13} {'bend %':>7} {'stret %':>7} "
+    f"{'median edge %':>13} {'largest edge %':>13} {'bend %':>7} {'stret %':>7} {'in':>5} "
     f"{'it':>4} {'rej':>4} {'rm':>3} {'x':>3} {'s':>6} {'MB':>6}"
 )
 

@@ -24,6 +24,7 @@ HELD_OUT = 10
 """Views that no fit sees: half-way between every other pair of the twenty."""
 
 SIZE = 512
+"""Of the held-out pictures [px]."""
 
 
 def wearer(body: str, data: Path) -> Wearer:
@@ -58,9 +59,9 @@ def make_truth(folder: Path, pattern: Pattern, body: Wearer, options: DrapeOptio
 
 def make_targets(folder: Path, truth: DrapedState, view: View, *, seed: int = 0) -> Path:
     """The folder of target views, made unless it is there."""
-    name = f"targets-{view.views}-{view.erosion}-{view.normal_noise:g}"
+    name = f"targets-{view.views}-{view.size}-{view.erosion}-{view.normal_noise:g}"
     if not (folder / name / "cameras.json").is_file():
-        targets = draw_targets(truth, views=view.views, size=SIZE)
+        targets = draw_targets(truth, views=view.views, size=view.size)
         write_targets(folder / name, degraded(targets, view, seed), truth.garment)
     return folder / name
 

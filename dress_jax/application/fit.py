@@ -1,6 +1,7 @@
 """Fit a pattern to target views: dress, optimise with checkpoints, drape the result (S9)."""
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +14,7 @@ from dress_jax.application.drape import (
     drape_pattern,
     draped_state,
 )
+from dress_jax.application.fit_knowledge import knowledge_report
 from dress_jax.application.fit_problem import usable
 from dress_jax.application.fit_run import FitInputs, run_fit
 from dress_jax.application.fit_session import Course, fit_fingerprint, load_start, save_start
@@ -27,16 +29,21 @@ from dress_jax.optimisation import (
     Evaluation,
     FitOptions,
     FitProblem,
+    Uncertainty,
     evaluate,
+    find_uncertainty,
     fitted_pattern,
     length_errors,
+    named_values,
 )
 from dress_jax.optimisation.draping import fitted_parameters
 from dress_jax.optimisation.problem import rest_shape
 from dress_jax.optimisation.state import DrapedUnknowns, Unknowns
 from dress_jax.pattern import Pattern, discretize
+from dress_jax.pattern.rules import Rule
 from dress_jax.sim import static_solve
 from dress_jax.sim.equilibrium import Report
+from dress_jax.solver.linear import LinearSolveError
 
 
 class Fitted(NamedTuple):
@@ -62,6 +69,7 @@ class FitResult:
         course: one record per iteration, and per new mesh.
         before, after: figures of `begin` and `end`.
         views: what was fitted to.
+        known: what they tell; None where the final drape has no derivative.
     """
 
     first: FitProblem
@@ -76,6 +84,7 @@ class FitResult:
     before: Evaluation
     after: Evaluation
     views: TargetViews
+    known: Uncertainty | None
 
     @property
     def good(self) -> bool:
@@ -97,6 +106,7 @@ def fit_pattern(
     drape_options: DrapeOptions | None = None,
     fit_options: FitOptions | None = None,
     truth: Pattern | None = None,
+    rules: Sequence[Rule] = (),
     resume: bool = False,
     progress: Progress = silent,
 ) -> FitResult:
@@ -105,13 +115,15 @@ def fit_pattern(
     Args:
         pattern: where to begin.
         wearer: the body in the pose of the views.
-        views: from `application.targets.read_targets`, or `scan_views`.
+        views: from `application.targets.read_targets`, `application.bundle_targets.read_views`, or
+            `views_without_pictures`.
         folder: for checkpoints.
         drape_options: mesh and fabric; the Newton rule holds for every drape. Friction acts in the
             initial drape only (S8.9, S9.9); a strain limit is refused.
         fit_options: see `optimisation.FitOptions`; terms for which there are no pictures are left
             out.
         truth: the true pattern, to measure against.
+        rules: of the design, see `pattern.rules`.
         resume: go on from the folder's checkpoint, exactly.
         progress: told about every stage.
 
@@ -131,7 +143,8 @@ def fit_pattern(
     fit_options = usable(fit_options, views)
     if truth is not None:
         length_errors(pattern, truth)  # says here, not after hours, where the two differ
-    identity = fit_fingerprint(pattern, wearer, views, drape_options, fit_options)
+    names = tuple(rule.name for rule in rules)
+    identity = fit_fingerprint(pattern, wearer, views, drape_options, fit_options, names)
     if resume:
         start = load_start(folder, identity)
         discretization = discretize(pattern, drape_options.edge_length)
@@ -140,10 +153,11 @@ def fit_pattern(
         _require_sound(draped)
         start, discretization = draped_state(draped), draped.discretization
         save_start(folder, start, identity)
-    inputs = FitInputs(pattern, wearer, views, drape_options, fit_options)
+    inputs = FitInputs(pattern, wearer, views, drape_options, fit_options, tuple(rules))
     run = run_fit(inputs, discretization, start, folder, resume=resume, progress=progress)
     problem = run.problem
     end, report = _settle(problem, run.state)
+    progress("evaluate", 0, 1)
     true_mesh = None if views.truth is None else (views.truth.vertices, views.truth.faces)
     before, after = (
         evaluate(p, s, true_mesh=true_mesh, true_pattern=truth)
@@ -167,7 +181,15 @@ def fit_pattern(
         before=before,
         after=after,
         views=views,
+        known=_known(problem, end),
     )
+
+
+def _known(problem: FitProblem, end: Fitted) -> Uncertainty | None:
+    try:
+        return find_uncertainty(problem, end.unknowns, end.positions)
+    except LinearSolveError:
+        return None
 
 
 def _require_sound(draped: DrapeResult) -> None:
@@ -205,18 +227,27 @@ def fit_report(result: FitResult) -> dict[str, Any]:
         "history": history,
         "remeshed": result.course.remeshed,
         "iou": {"start": before.iou, "end": after.iou} if result.views.has_mask else None,
-        "stiffness_factors": np.exp(np.asarray(result.end.unknowns.log_stiffness)).tolist(),
+        "fabric": named_values(
+            result.problem.tables.fabric, np.asarray(result.end.unknowns.log_stiffness)
+        ),
         "pin_shift_m": np.asarray(result.end.unknowns.pin_shift).tolist(),
         "weights": dict(result.problem.options.active_weights),
         "settings": dict(result.state.settings),
         "chamfer_cm": None,
         "scan_cm": None,
+        "landmarks_cm": None,
+        "rules": [rule.name for rule in result.problem.rules],
+        "known": None
+        if result.known is None
+        else knowledge_report(result.problem, result.pattern, result.known),
         "edge_length_error": None,
     }
     if before.chamfer is not None:
         content["chamfer_cm"] = {"start": before.chamfer, "end": after.chamfer}
     if before.scan is not None:
         content["scan_cm"] = {"start": before.scan, "end": after.scan}
+    if before.landmarks is not None:
+        content["landmarks_cm"] = {"start": before.landmarks, "end": after.landmarks}
     if before.median_length_error is not None:
         content["edge_length_error"] = {
             name: {"median": e.median_length_error, "max": e.largest_length_error}

@@ -8,6 +8,7 @@ import numpy as np
 
 from dress_jax.application.drape import picture
 from dress_jax.application.fit import FitResult
+from dress_jax.application.fit_knowledge import write_knowledge
 from dress_jax.io.figures import write_comparison, write_loss_figure
 from dress_jax.io.results import DrapedState, write_result
 from dress_jax.render.cameras import Camera, unstack_cameras
@@ -17,7 +18,7 @@ COMPARED_VIEWS = 4
 
 
 def save_fit(folder: str | Path, result: FitResult, report: Mapping[str, Any]) -> None:
-    """Write a fit: everything that a drape's folder has, `loss.png` and `comparison.png`.
+    """Write a fit: everything that a drape's folder has, `loss.png`, `comparison.png`, `known.png`.
 
     Args:
         folder: where to.
@@ -35,6 +36,14 @@ def save_fit(folder: str | Path, result: FitResult, report: Mapping[str, Any]) -
     )
     rows, columns = comparison(result)
     write_comparison(folder / "comparison.png", rows, columns)
+    if result.known is not None:
+        write_knowledge(
+            folder / "known.png",
+            result.problem,
+            result.pattern,
+            result.end.unknowns,
+            result.known,
+        )
     write_result(
         folder,
         result.state,

@@ -1,6 +1,7 @@
 """What a fit works on, made from what its folder keeps (S9)."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -12,6 +13,7 @@ from dress_jax.energy.panels import FacePanels
 from dress_jax.io.results import DrapedState
 from dress_jax.optimisation import FitOptions, FitProblem, make_problem
 from dress_jax.pattern import Discretization, Pattern
+from dress_jax.pattern.rules import Rule
 from dress_jax.sim import make_simulation
 
 _GREY = 0.5
@@ -35,6 +37,7 @@ def fit_problem(
     views: TargetViews,
     drape_options: DrapeOptions,
     fit_options: FitOptions,
+    rules: Sequence[Rule] = (),
 ) -> FitProblem:
     """The problem, from the inputs and what `start.h5` holds, so that a resumed one is equal."""
     garment = start.garment
@@ -69,6 +72,8 @@ def fit_problem(
         options=fit_options,
         colors=np.tile(_mean_color(views), (len(garment.vertices), 1)),
         scan=views.scan,
+        landmarks=views.landmarks,
+        rules=rules,
     )
 
 

@@ -45,6 +45,7 @@ from dress_jax.pattern import (
     discretize,
     with_parameters,
 )
+from dress_jax.pattern.rules import Rule
 
 CHECKPOINT_EVERY = 5
 _PATIENCE = 1.5  # factor on the distortion that is borne after a new mesh could not be put on
@@ -71,6 +72,7 @@ class FitInputs:
         wearer: the body.
         views: what is fitted to.
         drape_options, fit_options: settings.
+        rules: of the design.
     """
 
     pattern: Pattern
@@ -78,6 +80,7 @@ class FitInputs:
     views: TargetViews
     drape_options: DrapeOptions
     fit_options: FitOptions
+    rules: tuple[Rule, ...] = ()
 
     def mesh(self, parameters: PatternParameters) -> Discretization:
         """A mesh of the pattern with other parameters."""
@@ -122,7 +125,13 @@ class FitInputs:
     def problem(self, discretization: Discretization, start: DrapedState) -> FitProblem:
         """The problem on one mesh of the pattern, from what the folder keeps of it."""
         return fit_problem(
-            self.pattern, discretization, start, self.views, self.drape_options, self.fit_options
+            self.pattern,
+            discretization,
+            start,
+            self.views,
+            self.drape_options,
+            self.fit_options,
+            self.rules,
         )
 
 

@@ -73,10 +73,11 @@ def fit_fingerprint(
     shape = [(p.name, p.vertices, [(e.kind, e.controls) for e in p.edges]) for p in pattern.panels]
     seams = [repr(stitch) for stitch in pattern.stitches]
     scan = None if views.scan is None else (views.scan.points, views.scan.complete)
+    landmarks = [repr(mark) for mark in views.landmarks]
     return {
         "pattern": fingerprint(shape, seams),
         "body": fingerprint(wearer.start, wearer.way, wearer.faces),
-        "targets": fingerprint(views.observation, scan),
+        "targets": fingerprint(views.observation, scan, landmarks),
         "options": fingerprint([repr(option) for option in options]),
     }
 
@@ -181,7 +182,6 @@ def load_progress(
 
 def as_record(info: FitInfo, state: AnyState) -> dict[str, Any]:
     """One iteration as plain values; what was not computed is None."""
-    factors = np.exp(np.asarray(state.unknowns.log_stiffness))
     return {
         "iteration": info.iteration,
         "outcome": info.outcome.name.lower(),
@@ -191,12 +191,13 @@ def as_record(info: FitInfo, state: AnyState) -> dict[str, Any]:
         "newton_iterations": info.newton_iterations,
         "remaining_step_m": finite_or_none(info.remaining_step),
         "intersections": info.intersections,
+        "guided_rounds": info.guided_rounds,
         "rate_scale": info.rate_scale,
         "cost": finite_or_none(info.cost),
         "outline_m": finite_or_none(info.outline),
         "damping": finite_or_none(info.damping),
         "unfinished_contours": info.unfinished,
-        "stiffness_factors": factors.tolist(),
+        "log_stiffness": np.asarray(state.unknowns.log_stiffness).tolist(),
         "seconds": {name: finite_or_none(value) for name, value in info.seconds.items()},
     }
 

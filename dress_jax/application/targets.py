@@ -2,6 +2,7 @@
 
 import dataclasses
 from pathlib import Path
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -12,10 +13,11 @@ from dress_jax.application.progress import Progress, silent
 from dress_jax.core.errors import InputError
 from dress_jax.geometry.topology import connected_components
 from dress_jax.io.body_meshes import read_surface
+from dress_jax.io.documents import read_json
 from dress_jax.io.images import Targets, load_targets, save_targets
 from dress_jax.io.meshes import GarmentMesh, read_garment_obj, write_garment_obj
 from dress_jax.io.results import DrapedState
-from dress_jax.optimisation import Scan, make_scan
+from dress_jax.optimisation import Landmark, Scan, make_scan
 from dress_jax.optimisation.observation import Observation, make_observation
 from dress_jax.render.cameras import Camera, cameras_from_dict, cameras_to_dict, stack_cameras
 from dress_jax.render.images import check_image, render
@@ -44,6 +46,7 @@ class TargetViews:
         truth: the true garment, where the folder holds it.
         has_mask: whether the masks are to be fitted.
         scan: of the garment, to be fitted as well; None without one.
+        landmarks: likewise.
     """
 
     observation: Observation
@@ -53,6 +56,7 @@ class TargetViews:
     truth: GarmentMesh | None
     has_mask: bool = True
     scan: Scan | None = None
+    landmarks: tuple[Landmark, ...] = ()
 
 
 def ring(
@@ -178,21 +182,86 @@ def read_scan(path: str | Path, *, complete: bool = False) -> Scan:
         raise InputError(str(error), where=str(path), mend="export the scan again") from error
 
 
-def scan_views(
-    scan: Scan,
+def read_landmarks(path: str | Path) -> tuple[Landmark, ...]:
+    """Landmarks of a JSON file.
+
+    `{"landmarks": [{"panel": "front", "edge": 2, "at": 0.5, "position_m": [0.1, 0.9, 0.1]}, ...]}`;
+    instead of a position there may be `"view": 3, "pixel": [210, 330]`. `at` is the fraction of the
+    edge's length from its start.
+
+    Raises:
+        InputError: names the landmark and what is wrong with it.
+    """
+    document = read_json(path, what="landmarks")
+    listed = document.get("landmarks")
+    if not isinstance(listed, list) or not listed:
+        raise InputError(
+            "has no list 'landmarks'", where=str(path), mend='write {"landmarks": [...]}'
+        )
+    return tuple(
+        _landmark(entry, f"{path}, landmark {number}") for number, entry in enumerate(listed)
+    )
+
+
+def _landmark(entry: Any, where: str) -> Landmark:
+    keys = {"panel", "edge", "at"}
+    wanted = [keys | {"position_m"}, keys | {"view", "pixel"}]
+    if not isinstance(entry, dict) or set(entry) not in wanted:
+        found = sorted(entry) if isinstance(entry, dict) else entry
+        raise InputError(
+            f"has keys {found}",
+            where=where,
+            mend="give panel, edge, at, and either position_m, or view and pixel",
+        )
+    own = {name: entry[name] for name in ("edge", "view") if name in entry}
+    whole = all(isinstance(n, int) and not isinstance(n, bool) for n in own.values())
+    if not (isinstance(entry["panel"], str) and whole and isinstance(entry["at"], (int, float))):
+        raise InputError("panel is a name, edge and view are whole numbers", where=where)
+
+    def numbers(name: str) -> tuple[float, ...] | None:
+        values = entry.get(name)
+        if values is None:
+            return None
+        if not isinstance(values, list) or not all(isinstance(v, (int, float)) for v in values):
+            raise InputError(f"{name} is {values!r}, no list of numbers", where=where)
+        return tuple(float(v) for v in values)
+
+    return Landmark(
+        entry["panel"],
+        entry["edge"],
+        float(entry["at"]),
+        position=cast(Any, numbers("position_m")),
+        view=entry.get("view"),
+        pixel=cast(Any, numbers("pixel")),
+    )
+
+
+def views_without_pictures(
     body_vertices: Float[np.ndarray, "b 3"],
     *,
+    scan: Scan | None = None,
+    landmarks: tuple[Landmark, ...] = (),
     views: int = SCAN_VIEWS,
     size: int = SCAN_SIZE,
 ) -> TargetViews:
-    """A scan alone as what a fit looks at: cameras for its pictures, and nothing in them.
+    """A scan or landmarks alone as what a fit looks at: cameras for its pictures, nothing in them.
 
     Args:
+        body_vertices: the body, which the cameras frame [m].
         scan: of the garment.
-        body_vertices: the body, which the cameras frame as well [m].
+        landmarks: of the garment, in space.
         views, size: of the cameras.
+
+    Raises:
+        InputError: a landmark in a picture.
     """
-    azimuths, cameras = ring(np.concatenate([scan.points, body_vertices]), views=views, size=size)
+    for number, mark in enumerate(landmarks):
+        if mark.view is not None:
+            raise InputError(
+                "there are no pictures", where=f"landmark {number}", mend="give target views"
+            )
+    seen = body_vertices if scan is None else np.concatenate([scan.points, body_vertices])
+    azimuths, cameras = ring(seen, views=views, size=size)
     stack = stack_cameras(cameras)
     shape = (views, size, size)
     empty = np.zeros((*shape, 3), np.float32)
@@ -212,6 +281,7 @@ def scan_views(
         truth=None,
         has_mask=False,
         scan=scan,
+        landmarks=landmarks,
     )
 
 

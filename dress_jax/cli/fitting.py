@@ -3,7 +3,7 @@
 import dataclasses
 import enum
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 import typer
 
@@ -47,6 +47,15 @@ def fit(
     scan_complete: Annotated[
         bool, typer.Option("--scan-complete", help="The scan shows the whole garment.")
     ] = False,
+    landmarks: Annotated[
+        Path | None,
+        typer.Option(
+            help="Points of seams and hems whose place is known (JSON), to fit to as well."
+        ),
+    ] = None,
+    rules: Annotated[
+        Path | None, typer.Option(help="Design rules (JSON) that the pattern keeps.")
+    ] = None,
     body: Body = "default",
     pose: Pose = None,
     dressing_pose: DressingPose = None,
@@ -54,6 +63,15 @@ def fit(
     edge_length: EdgeLength = 0.015,
     fabric: FabricName = "cotton",
     fabric_of: FabricOf = None,
+    fabric_per_panel: Annotated[
+        bool, typer.Option("--fabric-per-panel", help="Fit the fabric of every panel.")
+    ] = False,
+    warp_weft: Annotated[
+        bool,
+        typer.Option(
+            "--warp-weft", help="Fit stiffness along warp and weft, in shear; orthotropic."
+        ),
+    ] = False,
     membrane: MembraneName = Membrane.ARAP,
     newton_limit: NewtonLimit = 300,
     iterations: Annotated[int, typer.Option(min=0, help="Steps at most.")] = 60,
@@ -69,7 +87,7 @@ def fit(
         Path | None, typer.Option(help="The true pattern (JSON), to measure against.")
     ] = None,
 ) -> ExitCode:
-    """Fit a pattern to target views, to a scan, or to both.
+    """Fit a pattern to target views, a scan, landmarks, or all of them.
 
     Ctrl-C stops with a checkpoint; --resume goes on exactly.
     """
@@ -77,31 +95,40 @@ def fit(
     from dress_jax.application.fit import fit_pattern, fit_report, scheduled
     from dress_jax.application.fit_files import save_fit
     from dress_jax.application.fit_run import FitInterrupted
-    from dress_jax.application.targets import read_scan, scan_views
+    from dress_jax.application.targets import read_landmarks, read_scan, views_without_pictures
     from dress_jax.application.wearer import find_wearer
     from dress_jax.core.errors import InputError
-    from dress_jax.io.patterns import load_pattern
+    from dress_jax.io.patterns import load_pattern, load_rules
     from dress_jax.io.results import prepare_folder
     from dress_jax.io.timing import stopwatch
-    from dress_jax.optimisation import FitMethod, Scan
+    from dress_jax.optimisation import FabricFreedom, FitMethod
+    from dress_jax.optimisation.landmarks import check_landmarks
 
-    if targets is None and scan is None:
-        raise InputError("there is nothing to fit to", mend="give --targets, --scan, or both")
+    if targets is None and scan is None and landmarks is None:
+        raise InputError(
+            "there is nothing to fit to", mend="give --targets, --scan, --landmarks, or several"
+        )
 
     cloth_options = drape_options(edge_length, fabric, fabric_of, membrane, newton_limit)
     fit_options = scheduled(
-        iterations, method=FitMethod(method.value), views_per_iteration=views_per_iteration
+        iterations,
+        method=FitMethod(method.value),
+        views_per_iteration=views_per_iteration,
+        fabric=FabricFreedom(per_panel=fabric_per_panel, warp_weft=warp_weft),
     )
     start = load_pattern(pattern)
     true_pattern = None if truth is None else load_pattern(truth)
+    kept = () if rules is None else load_rules(rules, start)
     scanned = None if scan is None else read_scan(scan, complete=scan_complete)
+    marks = () if landmarks is None else read_landmarks(landmarks)
     views = None if targets is None else read_views(targets)
     prepare_folder(out)
     wearer = find_wearer(body, pose=pose, shape=shape, dressing_pose=dressing_pose)
     if views is not None:
-        views = dataclasses.replace(views, scan=scanned)
+        views = dataclasses.replace(views, scan=scanned, landmarks=marks)
     else:
-        views = scan_views(cast(Scan, scanned), wearer.vertices)
+        views = views_without_pictures(wearer.vertices, scan=scanned, landmarks=marks)
+    check_landmarks(marks, start, views.observation.view_count)
     try:
         with stopwatch() as seconds, stages() as progress:
             result = fit_pattern(
@@ -112,6 +139,7 @@ def fit(
                 drape_options=cloth_options,
                 fit_options=fit_options,
                 truth=true_pattern,
+                rules=kept,
                 resume=resume,
                 progress=progress,
             )
@@ -162,6 +190,8 @@ def summary(report: dict[str, Any]) -> list[tuple[Any, ...]]:
         rows.append(("mask IoU", *_ends(report["iou"])))
     if report["scan_cm"]:
         rows.append(("mean distance of the scan [cm]", *_ends(report["scan_cm"])))
+    if report["landmarks_cm"]:
+        rows.append(("mean distance of the landmarks [cm]", *_ends(report["landmarks_cm"])))
     if report["chamfer_cm"]:
         rows.append(("Chamfer distance [cm]", *_ends(report["chamfer_cm"])))
     if report["edge_length_error"]:

@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from dress_jax import __version__
+from dress_jax.cli.body import fit_body
 from dress_jax.cli.bundling import bundle
 from dress_jax.cli.checking import check, gradcheck
 from dress_jax.cli.draping import drape, render
@@ -48,7 +49,7 @@ def options(
     context.obj = {"cache": cache_dir}
 
 
-for _command in (drape, render, bundle, fit, check, gradcheck, demo):
+for _command in (drape, render, bundle, fit, fit_body, check, gradcheck, demo):
     app.command()(_command)
 
 

@@ -36,7 +36,7 @@ def write_loss_figure(
     left.set_ylabel("loss", color="tab:blue")
     right.set_ylabel("mask IoU", color="tab:orange")
     left.grid(alpha=0.3)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def write_comparison(
@@ -64,14 +64,15 @@ def write_comparison(
         line[0].set_ylabel(name)
     for axis, name in zip(axes[0], columns, strict=True):
         axis.set_title(name, fontsize=9)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def _gaps(values: Sequence[float | None]) -> np.ndarray:
     return np.array([np.nan if value is None else value for value in values], dtype=float)
 
 
-def _save(figure: Figure, path: str | Path) -> None:
+def save_figure(figure: Figure, path: str | Path) -> None:
+    """Write a figure as PNG, atomically."""
     # The canvas is given, so that no window system is looked for.
     FigureCanvasAgg(figure)
     with atomic_path(path) as temporary:

@@ -3,8 +3,13 @@
 from dress_jax.optimisation.evaluation import Evaluation as Evaluation
 from dress_jax.optimisation.evaluation import evaluate as evaluate
 from dress_jax.optimisation.evaluation import length_errors as length_errors
+from dress_jax.optimisation.fabric_freedom import FabricFreedom as FabricFreedom
+from dress_jax.optimisation.fabric_freedom import named_values as named_values
 from dress_jax.optimisation.gauss_newton.method import GaussNewtonState as GaussNewtonState
 from dress_jax.optimisation.gauss_newton.options import GaussNewtonOptions as GaussNewtonOptions
+from dress_jax.optimisation.gauss_newton.uncertainty import Uncertainty as Uncertainty
+from dress_jax.optimisation.gauss_newton.uncertainty import find_uncertainty as find_uncertainty
+from dress_jax.optimisation.landmarks import Landmark as Landmark
 from dress_jax.optimisation.loop import AnyState as AnyState
 from dress_jax.optimisation.loop import blank_state as blank_state
 from dress_jax.optimisation.loop import carry_over as carry_over

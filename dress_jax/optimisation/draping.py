@@ -10,9 +10,11 @@ from jaxtyping import Array, Float
 from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
 from dress_jax.core.results import Result
-from dress_jax.energy.cloth import STRETCHING_LEAVES, Parameters
+from dress_jax.energy.cloth import Parameters
+from dress_jax.optimisation.fabric_freedom import initial_values, with_fabric
 from dress_jax.optimisation.problem import FitProblem, rest_shape, validated_pattern
 from dress_jax.optimisation.report import FitInfo, StepOutcome
+from dress_jax.optimisation.rules import check_rules, follow_rules
 from dress_jax.optimisation.state import Unknowns
 from dress_jax.pattern import pattern_parameters, rest_positions
 from dress_jax.pattern.parameters import PatternParameters
@@ -24,13 +26,22 @@ Clock = Callable[[], float]
 
 
 def initial_unknowns(problem: FitProblem) -> Unknowns:
-    """Where a fit begins."""
-    return Unknowns(
+    """Where a fit begins: at the initial pattern, or the nearest one that keeps its rules.
+
+    Raises:
+        InputError: the rules contradict each other.
+    """
+    unknowns = Unknowns(
         pattern=pattern_parameters(problem.pattern),
-        log_stiffness=jnp.log(jnp.asarray(problem.options.initial_stiffness, float)),
+        log_stiffness=jnp.asarray(
+            initial_values(problem.tables.fabric, problem.options.initial_stiffness)
+        ),
         pin_shift=jnp.zeros(3),
         colors=jnp.asarray(problem.colors),
     )
+    unknowns = follow_rules(problem, unknowns)
+    check_rules(problem, unknowns.pattern)
+    return unknowns
 
 
 def settle(problem: FitProblem, unknowns: Unknowns, positions: Float[np.ndarray, "n 3"]) -> Array:
@@ -59,7 +70,7 @@ def simulate(
     problem: FitProblem,
     simulator: Simulator,
     pattern: PatternParameters,
-    log_stiffness: Float[Array, "2"],
+    log_stiffness: Float[Array, " s"],
     pin_shift: Float[Array, "3"],
     start: Float[Array, "n 3"],
 ) -> tuple[tuple[Array, Array, PatternParameters], Report]:
@@ -80,19 +91,12 @@ def simulate(
 def fitted_parameters(
     problem: FitProblem,
     rest: Float[Array, "p 2"],
-    log_stiffness: Float[Array, "2"],
+    log_stiffness: Float[Array, " s"],
     pin_shift: Float[Array, "3"],
 ) -> Parameters:
-    """The problem's parameters with a rest shape, factors on the two stiffnesses, moved pins."""
-    base = problem.parameters
-    factor = jnp.exp(log_stiffness)
-    return replace(
-        base,
-        rest_positions=rest,
-        **{name: getattr(base, name) * factor[0] for name in STRETCHING_LEAVES},
-        bending_stiffness=base.bending_stiffness * factor[1],
-        pin_targets=base.pin_targets + pin_shift[None, :],
-    )
+    """The problem's parameters with a rest shape, other stiffnesses, moved pins."""
+    base = with_fabric(problem.parameters, log_stiffness, problem.tables.fabric)
+    return replace(base, rest_positions=rest, pin_targets=base.pin_targets + pin_shift[None, :])
 
 
 def relative_areas(problem: FitProblem, rest: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, " f"]:

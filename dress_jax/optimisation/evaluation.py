@@ -10,6 +10,7 @@ from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
 from dress_jax.geometry.nearest import nearest_on_surface
 from dress_jax.loss.metrics import CENTIMETRES_PER_METRE, chamfer_distance, iou
+from dress_jax.optimisation.landmarks import landmark_distances
 from dress_jax.optimisation.observation import observe_meshes
 from dress_jax.optimisation.problem import FitProblem, fitted_pattern
 from dress_jax.optimisation.state import DrapedUnknowns
@@ -23,6 +24,7 @@ class Evaluation:
     Attributes:
         iou: of the masks, pixels of all views together.
         scan: mean distance of the scan's points to the garment [cm].
+        landmarks: mean distance of those in space to their places [cm].
         chamfer: symmetric mean distance to the true mesh [cm].
         median_length_error, largest_length_error: of pattern edges, relative to the true lengths.
     """
@@ -30,6 +32,7 @@ class Evaluation:
     iou: float
     chamfer: float | None = None
     scan: float | None = None
+    landmarks: float | None = None
     median_length_error: float | None = None
     largest_length_error: float | None = None
 
@@ -56,12 +59,16 @@ def evaluate(
     garment = replace(tables.garment, positions=state.positions, colors=state.unknowns.colors)
     drawn = observe_meshes(observation.cameras, garment, tables.occluder)
     valid = np.asarray(observation.valid) > 0.0
-    chamfer = scan = median = largest = None
+    chamfer = scan = landmarks = median = largest = None
     faces = np.asarray(problem.discretization.faces)
     if problem.scan is not None:
         triangles = np.asarray(state.positions)[faces]
         distance = nearest_on_surface(problem.scan.points, triangles).distance
         scan = CENTIMETRES_PER_METRE * float(distance.mean())
+    in_space = [mark for mark in problem.landmarks if mark.position is not None]
+    if in_space:
+        own = landmark_distances(in_space, problem.discretization, np.asarray(state.positions))
+        landmarks = CENTIMETRES_PER_METRE * float(own.mean())
     if true_mesh is not None:
         chamfer = chamfer_distance(np.asarray(state.positions), faces, *true_mesh)
     if true_pattern is not None:
@@ -72,6 +79,7 @@ def evaluate(
         iou=float(iou(np.asarray(drawn.mask) * valid, np.asarray(observation.mask) * valid)),
         chamfer=chamfer,
         scan=scan,
+        landmarks=landmarks,
         median_length_error=median,
         largest_length_error=largest,
     )

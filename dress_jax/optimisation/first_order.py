@@ -18,6 +18,7 @@ from dress_jax.optimisation.optimizer import corner_links, init_optimizer, propo
 from dress_jax.optimisation.problem import FitProblem, corner_panels
 from dress_jax.optimisation.remeshing import at_new_vertices, carried_unknowns, transfer_weights
 from dress_jax.optimisation.report import FitInfo
+from dress_jax.optimisation.rules import follow_rules
 from dress_jax.optimisation.state import FitState
 from dress_jax.optimisation.trial import try_unknowns
 from dress_jax.pattern import pattern_parameters
@@ -81,7 +82,7 @@ def step(
             np.asarray(problem.discretization.edges.vertices),
         ),
     )
-    unknowns = guard_flips(problem, unknowns).unknowns
+    unknowns = follow_rules(problem, guard_flips(problem, unknowns).unknowns)
     trial = try_unknowns(problem, unknowns, state.positions, iteration=iteration, clock=clock)
     info = dataclasses.replace(trial.info, rate_scale=scale)
     following = jnp.asarray(iteration + 1)

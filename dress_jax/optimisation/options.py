@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 from dress_jax.core.errors import InputError
 from dress_jax.loss.image import COLOR_WEIGHT, MASK_WEIGHT, NORMAL_WEIGHT
+from dress_jax.optimisation.fabric_freedom import FabricFreedom
 from dress_jax.optimisation.gauss_newton.options import GaussNewtonOptions
 
 PAPER_WEIGHTS: Mapping[str, float] = MappingProxyType(
@@ -50,7 +51,7 @@ class LearningRates:
         panels: of the width and the length of every panel, relative; see `optimizer`.
         vertices: of the pattern's corners [m].
         controls: of its control points [chord lengths].
-        log_stiffness: of the logarithms of the two stiffness factors.
+        log_stiffness: of the fabric's unknowns, mostly logarithms of factors.
         pin_shift: of the pins [m].
         colors: of the vertex colours, in [0, 1].
     """
@@ -78,6 +79,7 @@ class FitOptions:
         weights: weight of every term by name; a term that is absent or zero is not computed.
         symmetrize: whether panels that mirror each other, or themselves, in the initial pattern do
             so in every pattern that is draped and compared (S4); see `pattern.symmetry`.
+        fabric: which numbers of the fabric are unknown.
         initial_stiffness: factors on the stretching and the bending stiffness to begin with.
         views_per_iteration: how many views one iteration looks at; None for all. A subset moves
             on through a fixed permutation of the views, so that every view has its turn.
@@ -109,6 +111,7 @@ class FitOptions:
     final_rate: float = 0.1
     weights: Mapping[str, float] = dataclasses.field(default_factory=lambda: PAPER_WEIGHTS)
     symmetrize: bool = True
+    fabric: FabricFreedom = dataclasses.field(default_factory=FabricFreedom)
     initial_stiffness: tuple[float, float] = (1.0, 1.0)
     views_per_iteration: int | None = None
     seed: int = 0

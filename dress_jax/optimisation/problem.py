@@ -1,6 +1,7 @@
 """One pattern, one body, one observation: what a fit works on."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +15,8 @@ from dress_jax.loss.area_ratio import panel_areas
 from dress_jax.loss.corners import corner_signs
 from dress_jax.loss.laplacian import interior_vertices
 from dress_jax.loss.seam_length import seam_ratios
+from dress_jax.optimisation.fabric_freedom import FabricTable, make_fabric_table
+from dress_jax.optimisation.landmarks import Landmark, check_landmarks
 from dress_jax.optimisation.observation import Observation, part_channels
 from dress_jax.optimisation.options import FitMethod, FitOptions
 from dress_jax.optimisation.parts import assign_parts, merged
@@ -31,6 +34,7 @@ from dress_jax.pattern import (
 )
 from dress_jax.pattern.corners import CornerTable, corner_table
 from dress_jax.pattern.parameters import PatternParameters
+from dress_jax.pattern.rules import Rule
 from dress_jax.pattern.symmetry import Symmetry, make_symmetry, validated
 from dress_jax.render.mesh import RenderMesh, make_render_mesh
 from dress_jax.sim import Simulator
@@ -59,6 +63,7 @@ class Tables:
         corner_signs: on which side they open in the initial pattern, (corners,).
         interior: vertices off the garment's boundary, (n,).
         symmetry: from optimised to validated parameters; None where nothing mirrors anything.
+        fabric: what is unknown of the fabric.
     """
 
     garment: RenderMesh
@@ -77,6 +82,7 @@ class Tables:
     corner_signs: Float[Array, " corners"]
     interior: Bool[np.ndarray, " n"]
     symmetry: Symmetry | None
+    fabric: FabricTable
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -87,13 +93,15 @@ class FitProblem:
         pattern: the initial pattern.
         discretization: of it.
         simulator: without friction (S9.9).
-        parameters: of the first drape; rest positions and the two stiffnesses are replaced by what
-            is fitted, everything else stays.
+        parameters: of the first drape; rest positions and stiffnesses are replaced by what is
+            fitted, everything else stays.
         observation: what the drape is compared with.
         options: see `FitOptions`.
         colors: vertex colours to begin with, (n, 3).
         tables: constants of the losses.
         scan: of the garment, which Gauss-Newton compares with as well; None without one.
+        landmarks: likewise.
+        rules: that every pattern keeps.
     """
 
     pattern: Pattern
@@ -105,6 +113,8 @@ class FitProblem:
     colors: Float[np.ndarray, "n 3"]
     tables: Tables
     scan: Scan | None = None
+    landmarks: tuple[Landmark, ...] = ()
+    rules: tuple[Rule, ...] = ()
 
 
 def make_problem(
@@ -118,6 +128,8 @@ def make_problem(
     colors: Float[np.ndarray, "n 3"] | None = None,
     occluder: RenderMesh | None = None,
     scan: Scan | None = None,
+    landmarks: Sequence[Landmark] = (),
+    rules: Sequence[Rule] = (),
 ) -> FitProblem:
     """Put a fit together and check that its parts fit each other.
 
@@ -132,6 +144,8 @@ def make_problem(
         occluder: what hides the garment in the images; the simulator's body when None.
         scan: of the garment, from `make_scan`. For a scan alone, leave the weights of the images
             out; the observation is then only drawn for reports.
+        landmarks: points of seams and hems whose place is known; Gauss-Newton only.
+        rules: design rules; the pattern to begin with is moved to keep them.
 
     Raises:
         InputError: friction is on, or the parts do not belong together.
@@ -144,10 +158,13 @@ def make_problem(
             where="make_problem",
             mend="make the simulator with friction=False",
         )
-    if scan is not None and options.method is FitMethod.ADAM:
+    if options.method is FitMethod.ADAM and (scan is not None or landmarks):
         raise InputError(
-            "Adam does not look at scans", where="make_problem", mend="use Gauss-Newton"
+            "Adam does not look at scans and landmarks",
+            where="make_problem",
+            mend="use Gauss-Newton",
         )
+    check_landmarks(landmarks, pattern, observation.view_count)
     start = pattern_parameters(pattern)
     _check(discretization, simulator, parameters, start.vertices.shape[0])
     views = options.views_per_iteration
@@ -190,6 +207,9 @@ def make_problem(
         corner_signs=corner_signs(rest, corners),
         interior=interior_vertices(np.asarray(discretization.faces), count),
         symmetry=symmetry,
+        fabric=make_fabric_table(
+            options.fabric, pattern, simulator.cloth, np.asarray(discretization.face_panel)
+        ),
     )
     return FitProblem(
         pattern=pattern,
@@ -201,6 +221,8 @@ def make_problem(
         colors=colors,
         tables=tables,
         scan=scan,
+        landmarks=tuple(landmarks),
+        rules=tuple(rules),
     )
 
 

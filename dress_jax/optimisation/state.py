@@ -19,15 +19,16 @@ class Unknowns:
 
     Attributes:
         pattern: corners [m] and control points [chord lengths].
-        log_stiffness: logarithms of the factors on the stretching and the bending stiffness, (2,);
-            so both stay positive (S9.14).
+        log_stiffness: what is unknown of the fabric, by default the logarithms of the factors on
+            stretching and bending stiffness, so that both stay positive (S9.14); see
+            `fabric_freedom`, (s,).
         pin_shift: common displacement of all pins [m], (3,): how high a waist loop sits is not
             known before the garment is.
         colors: RGB of the garment's vertices, (n, 3).
     """
 
     pattern: PatternParameters
-    log_stiffness: Float[Array, "2"]
+    log_stiffness: Float[Array, " s"]
     pin_shift: Float[Array, "3"]
     colors: Float[Array, "n 3"]
 

@@ -15,6 +15,7 @@ from dress_jax.optimisation.losses import Assessment, Garment, assess
 from dress_jax.optimisation.observation import Observation
 from dress_jax.optimisation.problem import FitProblem, rest_shape
 from dress_jax.optimisation.report import FitInfo, StepOutcome
+from dress_jax.optimisation.rules import broken_rules
 from dress_jax.optimisation.state import Unknowns, finite
 from dress_jax.sim import Simulator
 from dress_jax.sim.adjoint import AdjointWarning
@@ -75,6 +76,8 @@ def try_unknowns(
     """
     if not finite(unknowns):
         return Trial(FitInfo(iteration, StepOutcome.NON_FINITE))
+    if broken_rules(problem, unknowns.pattern):
+        return Trial(FitInfo(iteration, StepOutcome.RULE_BROKEN))
     rest = np.asarray(rest_shape(problem, unknowns.pattern))
     if not smallest_relative_area(problem, rest) >= problem.options.smallest_area:
         return Trial(FitInfo(iteration, StepOutcome.REST_DEGENERATE))

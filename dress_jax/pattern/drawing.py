@@ -6,6 +6,7 @@ from html import escape
 
 import numpy as np
 import shapely
+from jaxtyping import Float
 
 from dress_jax.geometry.polygons import signed_area
 from dress_jax.pattern.model import Panel, Pattern
@@ -33,8 +34,7 @@ def drawing(pattern: Pattern, *, labels: bool = True) -> str:
     Returns:
         The document; its user unit is one centimetre.
     """
-    boxes = [_bounds(panel) for panel in pattern.panels]
-    origins, width, height = _layout([high - low for low, high in boxes])
+    origins, width, height = layout(pattern)
     total_width, total_height = width + 2 * _MARGIN, height + 2 * _MARGIN + _FOOT
     seams = _seam_of_edge(pattern)
     parts = [
@@ -43,13 +43,27 @@ def drawing(pattern: Pattern, *, labels: bool = True) -> str:
         'font-family="Helvetica, Arial, sans-serif">',
         '<rect width="100%" height="100%" fill="white"/>',
     ]
-    for panel, (low, high), origin in zip(pattern.panels, boxes, origins, strict=True):
-        # Panel y points up, the picture's down.
-        shift = np.array([origin[0] + _MARGIN - low[0], origin[1] + _MARGIN + high[1]])
-        parts += _draw_panel(pattern, panel, shift, seams, labels)
+    for panel, origin in zip(pattern.panels, origins, strict=True):
+        parts += _draw_panel(pattern, panel, origin + _MARGIN, seams, labels)
     parts += _draw_scale(_MARGIN, total_height - _MARGIN)
     parts.append("</svg>")
     return "\n".join(parts) + "\n"
+
+
+def layout(pattern: Pattern) -> tuple[list[Float[np.ndarray, "2"]], float, float]:
+    """Where panels go when they are laid out side by side.
+
+    Returns:
+        Place of every panel's origin in a picture whose y points down, and the width and height of
+        the whole [cm].
+    """
+    boxes = [_bounds(panel) for panel in pattern.panels]
+    corners, width, height = _layout([high - low for low, high in boxes])
+    origins = [
+        np.array([x - low[0], y + high[1]])
+        for (x, y), (low, high) in zip(corners, boxes, strict=True)
+    ]
+    return origins, width, height
 
 
 def _bounds(panel: Panel) -> tuple[np.ndarray, np.ndarray]:

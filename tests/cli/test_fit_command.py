@@ -1,6 +1,7 @@
 """The fit command: files, report, interruption and exact resumption."""
 
 import json
+import re
 import shutil
 
 import jax
@@ -14,11 +15,17 @@ from dress_jax.application.fit_run import FitInterrupted
 from dress_jax.application.fit_session import fingerprint
 from dress_jax.application.targets import read_targets
 from dress_jax.application.wearer import find_wearer
+from dress_jax.io.meshes import read_garment_obj
 from dress_jax.io.patterns import load_pattern, save_pattern
+from dress_jax.optimisation import Landmark
+from dress_jax.optimisation.landmarks import landmark_weights
+from dress_jax.pattern import discretize
 from dress_jax.pattern.scaling import scaled
 
 EDGE_LENGTH = 0.06
 ITERATIONS = 3
+FRONT, BACK = "skirt_front", "skirt_back"
+RULE = {"rule": "equal", "edges": [[FRONT, 1], [BACK, 1]]}
 
 
 def test_fingerprints_tell_inputs_apart():
@@ -44,7 +51,18 @@ def fitted(draped, inputs, run, tmp_path_factory):
         *("fit", root / "start.json", "--targets", root / "targets"),
         *("--body", inputs / "body.obj", "--edge-length", EDGE_LENGTH),
         *("--iterations", ITERATIONS, "--truth", inputs / "skirt.json"),
+        *("--landmarks", root / "landmarks.json", "--rules", root / "rules.json"),
     )
+    # The ends of the true front's first edge, and side seams that stay alike.
+    mesh = discretize(load_pattern(inputs / "skirt.json"), EDGE_LENGTH)
+    garment = read_garment_obj(root / "targets" / "garment.obj").vertices
+    ends = [Landmark(FRONT, 0, t, (0.0, 0.0, 0.0)) for t in (0.0, 1.0)]
+    marks = [
+        {"panel": FRONT, "edge": 0, "at": mark.at, "position_m": place.tolist()}
+        for mark, place in zip(ends, landmark_weights(ends, mesh).dot(garment), strict=True)
+    ]
+    (root / "landmarks.json").write_text(json.dumps({"landmarks": marks}))
+    (root / "rules.json").write_text(json.dumps({"rules": [RULE]}))
     result = run(*command, "--out", root / "whole")
     assert result.exit_code == 0, result.output
     return root, command
@@ -55,7 +73,8 @@ def test_a_fit_writes_every_file_and_gets_better(fitted):
     names = {path.name for path in folder.iterdir()}
     assert names >= {
         *("pattern.json", "pattern.svg", "garment.obj", "garment.glb", "body.obj", "drape.h5"),
-        *("preview.png", "loss.png", "comparison.png", "report.json", "checkpoint.h5"),
+        *("preview.png", "loss.png", "comparison.png", "known.png"),
+        *("report.json", "checkpoint.h5"),
     }
     report = json.loads((folder / "report.json").read_text())
     assert len(report["loss"]) == report["iterations"] == ITERATIONS
@@ -66,8 +85,47 @@ def test_a_fit_writes_every_file_and_gets_better(fitted):
     assert set(errors) == {"start", "end"}
     assert errors["start"]["max"] == pytest.approx(0.1, abs=0.02)
     assert errors["end"]["median"] < errors["start"]["median"]
+    assert report["landmarks_cm"]["end"] < report["landmarks_cm"]["start"]
+    assert report["rules"] == [f"equal lengths of edges 1 of {FRONT!r}, 1 of {BACK!r}"]
     assert report["versions"]["jax"]
     assert set(report["seconds"]) == {"compile", "run"}
+
+
+def test_the_report_says_what_is_known(fitted):
+    report = json.loads((fitted[0] / "whole" / "report.json").read_text())
+    known = report["known"]
+    assert {(e["panel"], e["edge"]) for e in known["edges"]} >= {(FRONT, 0), (BACK, 3)}
+    for edge in known["edges"]:
+        low, high = edge["interval_95_cm"]
+        assert low < edge["length_cm"] < high and 0.0 <= edge["told"] <= 1.0
+    assert set(known["fabric"]) == {"stretching", "bending"}
+    for name, own in known["fabric"].items():
+        assert own["interval_95"][0] < own["value"] < own["interval_95"][1]
+        assert own["value"] == pytest.approx(report["fabric"][name])
+    sizes = [direction["deviation_cm"] for direction in known["open_directions"]]
+    assert sizes == sorted(sizes, reverse=True) and sizes[0] > 0.0
+    assert set(known["remaining_differences"]) == {"outlines", "normals", "landmarks"}
+
+
+@pytest.mark.parametrize(
+    "option, entries, message",
+    [
+        ("landmarks", [{"panel": FRONT}], "landmark 0.*has keys"),
+        ("landmarks", [{"edge": 1.5, "position_m": [0, 0, 0]}], "whole numbers"),
+        ("landmarks", [{"edge": 1, "position_m": [0]}], "not 3 numbers"),
+        ("landmarks", [{"edge": 1, "view": 7, "pixel": [0, 0]}], "no view 7"),
+        ("rules", [{"rule": "straight"}], "rule 0.*'straight' is no rule"),
+        ("rules", None, "no list 'rules'"),
+    ],
+)
+def test_landmarks_and_rules_that_cannot_be_read(fitted, run, tmp_path, option, entries, message):
+    whole = {"panel": FRONT, "at": 0.5}
+    listed = [e if "panel" in e or "rule" in e else whole | e for e in entries or []]
+    document = {option: listed} if entries else {}
+    (tmp_path / "own.json").write_text(json.dumps(document))
+    result = run(*fitted[1], f"--{option}", tmp_path / "own.json", "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert re.search(message, " ".join(result.stderr.split()))
 
 
 @pytest.mark.slow

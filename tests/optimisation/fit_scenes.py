@@ -8,6 +8,7 @@ import trimesh
 
 from dress_jax.energy.cloth import make_cloth
 from dress_jax.energy.fabric import Fabric, make_parameters
+from dress_jax.energy.membrane import MembraneModel
 from dress_jax.optimisation import FitOptions, make_problem, observe
 from dress_jax.pattern import (
     Panel,
@@ -84,7 +85,9 @@ def ball():
     return np.asarray(mesh.vertices) + np.array([0.0, -0.15, 0.0]), np.asarray(mesh.faces)
 
 
-def hang(pattern, discretization=None, *, tolerance=1e-7):
+def hang(
+    pattern, discretization=None, *, tolerance=1e-7, membrane=MembraneModel.ARAP, fabric=FABRIC
+):
     """Discretize and put on: discretization, simulator, parameters, start positions."""
     if discretization is None:
         discretization = discretize(pattern, EDGE_LENGTH)
@@ -97,6 +100,7 @@ def hang(pattern, discretization=None, *, tolerance=1e-7):
         np.asarray(discretization.rest_faces),
         vertex_count=discretization.vertex_count,
         pins=pins,
+        membrane=membrane,
     )
     simulator = make_simulator(
         cloth,
@@ -105,7 +109,14 @@ def hang(pattern, discretization=None, *, tolerance=1e-7):
         body_faces=faces,
         newton=NewtonOptions(tolerance=tolerance, iteration_limit=100),
     )
-    parameters = make_parameters(cloth, FABRIC, rest, body_vertices=body, pin_targets=start[pins])
+    parameters = make_parameters(
+        cloth,
+        fabric,
+        rest,
+        face_panel=np.asarray(discretization.face_panel),
+        body_vertices=body,
+        pin_targets=start[pins],
+    )
     return discretization, simulator, parameters, start
 
 

@@ -6,12 +6,12 @@ import pytest
 from fit_scenes import cameras
 
 from dress_jax.core.pytree import replace
-from dress_jax.optimisation.gauss_newton.normal_equations import normal_cost, normal_model
 from dress_jax.optimisation.gauss_newton.normals import (
     choose_samples,
     normal_jacobian,
     normal_rows,
 )
+from dress_jax.optimisation.gauss_newton.residuals import Observed, Residuals
 from dress_jax.render.contours import find_contours
 from dress_jax.render.images import render_views
 from tests.central_differences import central_difference
@@ -93,16 +93,18 @@ def test_the_model_of_the_normals_has_their_gradient(drawn):
     length = np.linalg.norm(rows.residual, axis=-1)[samples.used]
     assert length.max() > LIMIT > length.min()  # both branches of Huber's function
     jacobian = normal_jacobian(views, garment, samples)
-    model = normal_model(
-        rows.residual, rows.weight, jacobian, ways.reshape(-1, 3), scale=SCALE, limit=LIMIT
-    )
+
+    def residuals(value):
+        flat, weight = value.reshape(-1, 3), rows.weight.ravel()
+        return Residuals(Observed.NORMALS, flat, weight, lambda: jacobian, SCALE, LIMIT)
+
+    model = residuals(rows.residual).model(ways.reshape(-1, 3))
     assert np.linalg.eigvalsh(model.matrix).min() > 0.0
     for k in range(3):
 
         def cost(length, k=k):
             moved = replace(garment, positions=garment.positions + length * ways[..., k])
-            residual = normal_rows(views, moved, samples).residual
-            return normal_cost(residual, rows.weight, scale=SCALE, limit=LIMIT)
+            return residuals(normal_rows(views, moved, samples).residual).cost
 
         assert abs(model.gradient[k]) > 1e-3
         assert central_difference(cost, 1e-6) == pytest.approx(model.gradient[k], rel=1e-5)

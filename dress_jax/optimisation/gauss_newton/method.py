@@ -17,15 +17,17 @@ from dress_jax.core.pytree import pytree, replace
 from dress_jax.optimisation.draping import Clock, does_not_drape, initial_unknowns, settle
 from dress_jax.optimisation.flip_guard import guard_flips
 from dress_jax.optimisation.gauss_newton.normal_equations import (
-    Model,
     damped_step,
     promised_decrease,
 )
+from dress_jax.optimisation.gauss_newton.quadratic_model import Model
+from dress_jax.optimisation.gauss_newton.rule_constraints import rule_constraints
 from dress_jax.optimisation.gauss_newton.trial import Iterate, guided, make_reference_once, try_step
 from dress_jax.optimisation.gauss_newton.vector import as_vector, from_vector, step_limits
 from dress_jax.optimisation.problem import FitProblem
 from dress_jax.optimisation.remeshing import carried_unknowns, pin_change, transfer_weights
 from dress_jax.optimisation.report import FitInfo
+from dress_jax.optimisation.rules import follow_rules
 from dress_jax.optimisation.state import Unknowns
 
 _WELL_PREDICTED, _BADLY_PREDICTED = 0.6, 0.25
@@ -119,10 +121,12 @@ def step(
     damping, iteration, excursion = float(state.damping), int(state.iteration), int(state.excursion)
     now, best = state.current, float(state.best.cost)
     model = Model(np.asarray(now.gradient), np.asarray(now.matrix))
-    change, promised = damped_step(model, damping, step_limits(now.unknowns, options))
+    limits = step_limits(now.unknowns, options)
+    constraints = rule_constraints(problem, now.unknowns)
+    change, promised = damped_step(model, damping, limits, constraints)
     guarded = guard_flips(problem, from_vector(as_vector(now.unknowns) + change, now.unknowns))
-    unknowns = guarded.unknowns
-    if guarded.acted:
+    unknowns = follow_rules(problem, guarded.unknowns)
+    if guarded.acted or problem.rules:
         change = as_vector(unknowns) - as_vector(now.unknowns)
         promised = promised_decrease(model, change)
     free = excursion < options.longest_excursion
@@ -206,7 +210,7 @@ def carry_over(
     # The pins' shift comes last in the vector, and its centre moves with it.
     center = state.center.at[-3:].add(pin_change(old, new))
     # The new garment's folds are its own; the pictures say which the old one's were.
-    settled = guided(new, unknowns, settle(new, unknowns, positions))
+    settled = guided(new, unknowns, settle(new, unknowns, positions)).positions
     trial = try_step(
         new, unknowns, settled, np.inf, center=center, iteration=iteration, clock=clock
     )

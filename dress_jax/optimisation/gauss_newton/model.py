@@ -1,51 +1,53 @@
 """The cost of a drape, and its quadratic model in the unknowns.
 
 Outlines of the drawn garment against outlines of the masks, normals against normals, and the prior.
-The unknowns are the
-pattern, the two stiffnesses and the pins, as one vector; colours stay as they are.
+The unknowns are the pattern, the stiffnesses and the pins, as one vector; colours stay as they are.
 """
 
 import dataclasses
+import functools
 import math
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.linalg
+import scipy.sparse
 from jaxtyping import Array, Float, Int
 
 from dress_jax.core.pytree import replace
 from dress_jax.energy.cloth import STRETCHING_LEAVES, Parameters
 from dress_jax.optimisation.draping import fitted_parameters, initial_unknowns
+from dress_jax.optimisation.fabric_freedom import FabricTable, likely_alike, with_fabric
 from dress_jax.optimisation.gauss_newton.guidance import Pull
+from dress_jax.optimisation.gauss_newton.landmark_rows import rows_in_pictures, rows_in_space
 from dress_jax.optimisation.gauss_newton.normal_equations import (
-    Model,
     add,
     along_rows,
-    huber,
     mean_square_model,
-    normal_cost,
-    normal_model,
-    outline_cost,
-    outline_model,
     prior_model,
 )
 from dress_jax.optimisation.gauss_newton.normals import (
-    NormalRows,
     choose_samples,
     normal_jacobian,
     normal_rows,
 )
 from dress_jax.optimisation.gauss_newton.outline import (
     Drawn,
-    Rows,
     Target,
     outline_rows,
 )
 from dress_jax.optimisation.gauss_newton.prior import Quadratic, edge_strain_matrix
+from dress_jax.optimisation.gauss_newton.quadratic_model import Model
+from dress_jax.optimisation.gauss_newton.residuals import (
+    Observed,
+    Residuals,
+    length_residuals,
+)
 from dress_jax.optimisation.gauss_newton.scan_rows import scan_rows
 from dress_jax.optimisation.gauss_newton.vector import (
-    FACTORS,
+    PIN_SHIFT,
     Vector,
     as_vector,
     felt_directions,
@@ -56,7 +58,7 @@ from dress_jax.optimisation.state import Unknowns
 from dress_jax.pattern import Discretization, edge_lengths, pattern_parameters, rest_positions
 from dress_jax.pattern.parameters import EdgeTable, PatternParameters
 from dress_jax.pattern.symmetry import Symmetry, validated
-from dress_jax.render.cameras import Camera, CameraKind
+from dress_jax.render.cameras import CameraKind
 from dress_jax.render.contours import Contour, find_contours
 from dress_jax.render.mesh import RenderMesh, join_meshes
 from dress_jax.sim.sensitivity import static_sensitivity
@@ -85,18 +87,14 @@ class Measurement:
         cost: see `GaussNewtonOptions`.
         outline: root mean square distance of the outlines [m].
         unfinished: contours that could not be followed.
-        rows: distances of the outlines.
-        normals: differences of the normals, or None where they are not compared.
-        scan: distances of a scan, or None where there is none.
+        felt: differences that the drape can feel, kind by kind.
         seams: changes of length differences [m].
     """
 
     cost: float
     outline: float
     unfinished: int
-    rows: Rows
-    normals: NormalRows | None
-    scan: Rows | None
+    felt: tuple[Residuals, ...]
     seams: Float[np.ndarray, " stitches"]
 
 
@@ -111,7 +109,11 @@ def make_reference(problem: FitProblem) -> Reference:
     return Reference(
         targets=[Target(*pair) for pair in zip(masks, valid, strict=True)],
         prior=_prior(problem),
-        felt=felt_directions(pattern_parameters(problem.pattern), problem.tables.symmetry),
+        felt=felt_directions(
+            pattern_parameters(problem.pattern),
+            problem.tables.symmetry,
+            len(problem.tables.fabric.names),
+        ),
     )
 
 
@@ -128,17 +130,13 @@ def _prior(problem: FitProblem) -> Quadratic:
     )
     controls = start.controls.size
     corners = np.kron(strain, np.eye(2))  # x and y alike
-    rest = np.concatenate(
-        [
-            np.full(controls, 2.0 / (controls * options.control_scale**2)),
-            np.full(FACTORS, 1.0 / options.stiffness_scale**2),
-            np.full(3, 1.0 / options.pin_scale**2),
-        ]
+    matrix = scipy.linalg.block_diag(
+        corners,
+        np.eye(controls) * 2.0 / (controls * options.control_scale**2),
+        likely_alike(problem.tables.fabric, options.stiffness_scale, options.fabric_scale),
+        np.eye(PIN_SHIFT) / options.pin_scale**2,
     )
-    matrix = np.zeros((len(corners) + len(rest),) * 2)
-    matrix[: len(corners), : len(corners)] = corners
-    matrix[len(corners) :, len(corners) :] = np.diag(rest)
-    return Quadratic(as_vector(initial_unknowns(problem)), matrix)
+    return Quadratic(as_vector(initial_unknowns(problem)), np.asarray(matrix))
 
 
 def measure(
@@ -158,53 +156,23 @@ def measure(
         positions: their drape [m], (n, 3).
     """
     options = problem.options.gauss_newton
-    rows, normals, unfinished = _compare(problem, reference, positions)
+    felt, unfinished = _compare(problem, reference, positions)
     seams = np.asarray(_seam_changes(as_vector(unknowns), unknowns.pattern, *_seam_data(problem)))
-    cost = outline_cost(rows, scale=options.outline_scale, limit=options.robust)
-    if normals is not None:
-        cost += normal_cost(
-            normals.residual,
-            normals.weight,
-            scale=options.normal_scale,
-            limit=options.normal_robust,
-        )
-    scan = _scan(problem, positions)
-    if scan is not None:
-        cost += outline_cost(scan, scale=options.scan_scale, limit=options.scan_robust)
-    cost += prior.value(as_vector(unknowns))
+    cost = sum(residuals.cost for residuals in felt) + prior.value(as_vector(unknowns))
     cost += 0.5 * float(np.mean((seams / options.seam_scale) ** 2)) if len(seams) else 0.0
+    outline = felt[0]
     return Measurement(
         cost=cost,
-        outline=math.sqrt(float(np.sum(rows.weight * rows.residual**2))),
+        outline=math.sqrt(float(np.sum(outline.weight * outline.value[:, 0] ** 2))),
         unfinished=unfinished,
-        rows=rows,
-        normals=normals,
-        scan=scan,
+        felt=felt,
         seams=seams,
     )
 
 
 def pulls(problem: FitProblem, reference: Reference, positions: Array) -> list[Pull]:
-    """What the pictures ask of a state's positions (`guidance`)."""
-    options = problem.options.gauss_newton
-    rows, normals, _ = _compare(problem, reference, positions)
-    found = [_pull(rows, options.outline_scale, options.robust)]
-    scan = _scan(problem, positions)
-    if scan is not None:
-        found.append(_pull(scan, options.scan_scale, options.scan_robust))
-    if normals is None:
-        return found
-    _, factor = huber(np.linalg.norm(normals.residual, axis=-1), options.normal_robust)
-    weight = np.repeat((normals.weight * factor).ravel() / options.normal_scale**2, 3)
-    used = weight > 0.0
-    garment = replace(problem.tables.garment, positions=positions)
-    jacobian = normal_jacobian(problem.observation.cameras, garment, normals.samples)
-    return [*found, Pull(normals.residual.ravel()[used], jacobian[used], weight[used])]
-
-
-def _pull(rows: Rows, scale: float, limit: float) -> Pull:
-    _, factor = huber(rows.residual, limit)
-    return Pull(rows.residual, rows.jacobian, rows.weight * factor / scale**2)
+    """What the observations ask of a state's positions (`guidance`)."""
+    return [residuals.pull() for residuals in _compare(problem, reference, positions)[0]]
 
 
 def make_model(
@@ -232,52 +200,49 @@ def make_model(
     """
     options = problem.options.gauss_newton
     at = as_vector(unknowns)
-    data = (unknowns.pattern, problem.tables.symmetry, problem.discretization, parameters)
-    directions = _parameter_directions(at, reference.felt, *data)
-    # A copy, as for the drapes; see `optimisation.trial.try_unknowns`.
-    simulator = dataclasses.replace(problem.simulator)
-    sensitivity = static_sensitivity(simulator, parameters, np.asarray(positions), directions)
-    felt = outline_model(
-        measurement.rows,
-        sensitivity.reshape(-1, len(reference.felt)),
-        scale=options.outline_scale,
-        limit=options.robust,
-    )
-    if measurement.normals is not None:
-        rows = measurement.normals
-        garment = replace(problem.tables.garment, positions=positions)
-        by_normals = normal_model(
-            rows.residual,
-            rows.weight,
-            normal_jacobian(problem.observation.cameras, garment, rows.samples),
-            sensitivity.reshape(-1, len(reference.felt)),
-            scale=options.normal_scale,
-            limit=options.normal_robust,
-        )
-        felt = add(felt, by_normals)
-    if measurement.scan is not None:
-        by_scan = outline_model(
-            measurement.scan,
-            sensitivity.reshape(-1, len(reference.felt)),
-            scale=options.scan_scale,
-            limit=options.scan_robust,
-        )
-        felt = add(felt, by_scan)
-    seam_jacobian = np.asarray(_seam_jacobian(at, unknowns.pattern, *_seam_data(problem)))
+    sensitivity = drape_sensitivity(problem, reference, unknowns, positions, parameters)
+    felt = add(*(residuals.model(sensitivity) for residuals in measurement.felt))
     return add(
         along_rows(felt, reference.felt),
         prior_model(prior, at),
         mean_square_model(
             measurement.seams / options.seam_scale,
-            seam_jacobian / options.seam_scale,
+            seam_slopes(problem, unknowns) / options.seam_scale,
         ),
     )
 
 
+def drape_sensitivity(
+    problem: FitProblem,
+    reference: Reference,
+    unknowns: Unknowns,
+    positions: Array,
+    parameters: Parameters,
+) -> Float[np.ndarray, "n3 r"]:
+    """Derivatives of a drape's flattened positions along `Reference.felt`.
+
+    Raises:
+        LinearSolveError: the drape is no stable equilibrium.
+    """
+    directions = _parameter_directions(
+        as_vector(unknowns), reference.felt, *_direction_data(problem, unknowns)
+    )
+    # A copy, as for the drapes; see `optimisation.trial.try_unknowns`.
+    simulator = dataclasses.replace(problem.simulator)
+    sensitivity = static_sensitivity(simulator, parameters, np.asarray(positions), directions)
+    return sensitivity.reshape(-1, len(reference.felt))
+
+
+def seam_slopes(problem: FitProblem, unknowns: Unknowns) -> Float[np.ndarray, "stitches k"]:
+    """Derivatives of the seams' changes in the unknowns [m]."""
+    data = _seam_data(problem)
+    return np.asarray(_seam_jacobian(as_vector(unknowns), unknowns.pattern, *data))
+
+
 def _compare(
     problem: FitProblem, reference: Reference, positions: Array
-) -> tuple[Rows, NormalRows | None, int]:
-    """Outlines and normals of a state against the pictures, and contours without an end."""
+) -> tuple[tuple[Residuals, ...], int]:
+    """A state against the observations, outlines first; and contours without an end."""
     tables, cameras = problem.tables, problem.observation.cameras
     garment = replace(tables.garment, positions=positions)
     whole = jax.tree.map(np.asarray, find_contours(cameras, garment, tables.occluder))
@@ -287,15 +252,29 @@ def _compare(
             jax.tree.map(np.asarray, _part_contours(problem, *part, positions))
             for part in tables.parts
         ]
+    found = [
+        _outlines(problem, reference, contours, positions),
+        _normals(problem, garment, whole.face),
+        _scan(problem, positions),
+        *_landmarks(problem, positions),
+    ]
+    return tuple(f for f in found if f is not None), int(whole.unfinished.sum())
+
+
+def _outlines(
+    problem: FitProblem, reference: Reference, contours: list[Contour], positions: Array
+) -> Residuals:
+    """Distances of the outlines; none where masks do not count."""
+    options = problem.options.gauss_newton
     views = range(problem.observation.view_count)
     drawn = [_drawn(own, view) for own in contours for view in views]
-    metres = _metres_per_pixel(cameras, np.mean(np.asarray(positions), axis=0))
-    metres = np.tile(metres, len(contours))
+    metres = np.tile(metres_per_pixel(problem, positions), len(contours))
     if "mask" not in problem.options.active_weights:
         drawn, metres = [], metres[:0]
-    targets = reference.targets[: len(drawn)]
-    rows = outline_rows(targets, drawn, metres, len(positions))
-    return rows, _normals(problem, garment, whole.face), int(whole.unfinished.sum())
+    rows = outline_rows(reference.targets[: len(drawn)], drawn, metres, len(positions))
+    return length_residuals(
+        Observed.OUTLINES, *rows, scale=options.outline_scale, limit=options.robust
+    )
 
 
 def _part_contours(
@@ -318,28 +297,66 @@ def _part_contours(
     return find_contours(problem.observation.cameras, replace(own, positions=positions), hiding)
 
 
-def _scan(problem: FitProblem, positions: Array) -> Rows | None:
+def _scan(problem: FitProblem, positions: Array) -> Residuals | None:
     """Distances of the scan, if there is one."""
     if problem.scan is None:
         return None
-    faces = np.asarray(problem.discretization.faces)
-    return scan_rows(problem.scan, np.asarray(positions, np.float64), faces)
+    options, faces = problem.options.gauss_newton, np.asarray(problem.discretization.faces)
+    rows = scan_rows(problem.scan, np.asarray(positions, np.float64), faces)
+    return length_residuals(
+        Observed.SCAN, *rows, scale=options.scan_scale, limit=options.scan_robust
+    )
+
+
+def _landmarks(problem: FitProblem, positions: Array) -> list[Residuals]:
+    """Differences of the landmarks in space, and of those in pictures."""
+    if not problem.landmarks:
+        return []
+    options, at = problem.options.gauss_newton, np.asarray(positions, np.float64)
+    data = (problem.landmarks, problem.discretization, at)
+    rows = rows_in_space(*data), rows_in_pictures(*data, problem.observation.cameras)
+    return [
+        Residuals(
+            Observed.LANDMARKS,
+            own.value,
+            np.full(len(own.value), 1.0 / len(own.value)),
+            functools.partial(_same, own.jacobian),
+            options.landmark_scale,
+            options.landmark_robust,
+        )
+        for own in rows
+        if len(own.value)
+    ]
+
+
+def _same(jacobian: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
+    return jacobian
 
 
 def _normals(
     problem: FitProblem, garment: RenderMesh, face: Int[np.ndarray, "v h w"]
-) -> NormalRows | None:
+) -> Residuals | None:
     """Differences of the normals, unless their weight is zero or nothing is seen of both."""
     if "normal" not in problem.options.active_weights:
         return None
-    observation = problem.observation
+    observation, options = problem.observation, problem.options.gauss_newton
     samples = choose_samples(
         face,
         np.asarray(observation.normal),
         np.asarray(observation.garment),
-        problem.options.gauss_newton.normal_stride,
+        options.normal_stride,
     )
-    return normal_rows(observation.cameras, garment, samples) if samples.used.any() else None
+    if not samples.used.any():
+        return None
+    rows = normal_rows(observation.cameras, garment, samples)
+    return Residuals(
+        Observed.NORMALS,
+        rows.residual.reshape(-1, 3),
+        rows.weight.ravel(),
+        functools.partial(normal_jacobian, observation.cameras, garment, samples),
+        options.normal_scale,
+        options.normal_robust,
+    )
 
 
 def predict_displacement(
@@ -361,8 +378,7 @@ def predict_displacement(
     """
     rest = rest_shape(problem, unknowns.pattern)
     parameters = fitted_parameters(problem, rest, unknowns.log_stiffness, unknowns.pin_shift)
-    data = (unknowns.pattern, problem.tables.symmetry, problem.discretization, parameters)
-    along = _parameter_change(as_vector(unknowns), change, *data)
+    along = _parameter_change(as_vector(unknowns), change, *_direction_data(problem, unknowns))
     simulator = dataclasses.replace(problem.simulator)
     directions = {name: value[None] for name, value in along.items()}
     return static_sensitivity(simulator, parameters, positions, directions)[..., 0]
@@ -386,8 +402,9 @@ def _drawn(contours: Contour, view: int) -> Drawn:
     )
 
 
-def _metres_per_pixel(cameras: Camera, center: Float[np.ndarray, "3"]) -> Float[np.ndarray, " v"]:
+def metres_per_pixel(problem: FitProblem, positions: Array) -> Float[np.ndarray, " v"]:
     """Size of a pixel at the garment's distance, for every view (host)."""
+    cameras, center = problem.observation.cameras, np.mean(np.asarray(positions), axis=0)
     scale = np.asarray(cameras.scale, np.float64).mean(axis=-1)
     if cameras.kind is CameraKind.ORTHOGRAPHIC:
         return 1.0 / scale
@@ -420,6 +437,12 @@ def _seam_changes(
 _seam_jacobian = jax.jit(jax.jacfwd(_seam_changes))
 
 
+def _direction_data(problem: FitProblem, unknowns: Unknowns) -> tuple[Any, ...]:
+    tables = problem.tables
+    data = (problem.discretization, problem.parameters, tables.fabric)
+    return unknowns.pattern, tables.symmetry, *data
+
+
 @jax.jit
 def _parameter_directions(vector: Array, directions: Array, *data: Any) -> dict[str, Array]:
     """Derivatives of the drape's parameters along several directions, the leading axis."""
@@ -433,17 +456,25 @@ def _parameter_change(
     like: PatternParameters,
     symmetry: Symmetry | None,
     discretization: Discretization,
-    parameters: Parameters,
+    initial: Parameters,
+    fabric: FabricTable,
 ) -> dict[str, Array]:
     """Derivative of the drape's parameters along one direction of the unknowns."""
 
     def rest(vector: Array) -> Array:
         return rest_positions(validated(split(vector, like)[0], symmetry), discretization)
 
-    _, factors, shift = split(direction, like)
+    names = [*STRETCHING_LEAVES, "bending_stiffness"]
+    if fabric.anisotropy is not None:
+        names.append("bending_anisotropy")
+
+    def leaves(log_stiffness: Array) -> dict[str, Array]:
+        parameters = with_fabric(initial, log_stiffness, fabric)
+        return {name: getattr(parameters, name) for name in names}
+
+    _, way, shift = split(direction, like)
     return {
         "rest_positions": jax.jvp(rest, (vector,), (direction,))[1],
-        **{name: getattr(parameters, name) * factors[0] for name in STRETCHING_LEAVES},
-        "bending_stiffness": parameters.bending_stiffness * factors[1],
-        "pin_targets": jnp.broadcast_to(shift[None, :], parameters.pin_targets.shape),
+        **jax.jvp(leaves, (split(vector, like)[1],), (way,))[1],
+        "pin_targets": jnp.broadcast_to(shift[None, :], initial.pin_targets.shape),
     }

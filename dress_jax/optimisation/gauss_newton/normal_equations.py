@@ -1,22 +1,13 @@
 """Weighted least squares from linearized residuals, and a damped step. Host side, numpy."""
 
-from typing import NamedTuple
-
 import numpy as np
-import scipy.sparse
 from jaxtyping import Float
 
-from dress_jax.optimisation.gauss_newton.outline import Rows
+from dress_jax.optimisation.gauss_newton.constraints import Constraints, constrained_step
 from dress_jax.optimisation.gauss_newton.prior import Quadratic
+from dress_jax.optimisation.gauss_newton.quadratic_model import Model
 
 _SMALLEST_DIAGONAL = 1e-6  # relative; directions without any effect are damped as well
-
-
-class Model(NamedTuple):
-    """A quadratic model of the cost around some unknowns."""
-
-    gradient: Float[np.ndarray, " k"]
-    matrix: Float[np.ndarray, "k k"]
 
 
 def huber(
@@ -27,66 +18,6 @@ def huber(
     near = size <= limit
     value = np.where(near, 0.5 * size**2, limit * (size - 0.5 * limit))
     return value, np.where(near, 1.0, limit / np.where(near, 1.0, size))
-
-
-def outline_cost(rows: Rows, *, scale: float, limit: float) -> float:
-    """The mean of Huber's function of the outlines' distances, in units of the scale."""
-    value, _ = huber(rows.residual, limit)
-    return float(np.sum(rows.weight * value)) / scale**2
-
-
-def outline_model(
-    rows: Rows, sensitivity: Float[np.ndarray, "n3 k"], *, scale: float, limit: float
-) -> Model:
-    """The model of `outline_cost`.
-
-    Args:
-        rows: distances and their derivatives in the positions.
-        sensitivity: derivatives of the flattened positions in the unknowns.
-        scale, limit: as in `outline_cost` [m].
-    """
-    _, factor = huber(rows.residual, limit)
-    jacobian = rows.jacobian @ sensitivity
-    weighted = (rows.weight * factor / scale**2)[:, None] * jacobian
-    return Model(weighted.T @ rows.residual, weighted.T @ jacobian)
-
-
-def normal_cost(
-    residual: Float[np.ndarray, "*q 3"],
-    weight: Float[np.ndarray, "*q"],
-    *,
-    scale: float,
-    limit: float,
-) -> float:
-    """The mean of Huber's function of the normals' differences, in units of the scale."""
-    value, _ = huber(np.linalg.norm(residual, axis=-1), limit)
-    return float(np.sum(weight * value)) / scale**2
-
-
-def normal_model(
-    residual: Float[np.ndarray, "*q 3"],
-    weight: Float[np.ndarray, "*q"],
-    jacobian: scipy.sparse.csr_array,
-    sensitivity: Float[np.ndarray, "n3 k"],
-    *,
-    scale: float,
-    limit: float,
-) -> Model:
-    """The model of `normal_cost`.
-
-    Args:
-        residual: differences.
-        weight: share of each in the mean.
-        jacobian: their derivatives in the flattened positions.
-        sensitivity: derivatives of the flattened positions in the unknowns.
-        scale, limit: as in `normal_cost`.
-    """
-    _, factor = huber(np.linalg.norm(residual, axis=-1), limit)
-    root = np.repeat(np.sqrt(weight * factor).ravel() / scale, 3)
-    used = root > 0.0
-    root = root[used]
-    rows = root[:, None] * (jacobian[used] @ sensitivity)
-    return Model(rows.T @ (root * residual.ravel()[used]), rows.T @ rows)
 
 
 def mean_square_model(
@@ -115,7 +46,10 @@ def prior_model(prior: Quadratic, at: Float[np.ndarray, " k"]) -> Model:
 
 
 def damped_step(
-    model: Model, damping: float, longest: Float[np.ndarray, " k"]
+    model: Model,
+    damping: float,
+    longest: Float[np.ndarray, " k"],
+    constraints: Constraints | None = None,
 ) -> tuple[Float[np.ndarray, " k"], float]:
     """A Levenberg-Marquardt step and the decrease that the model promises for it.
 
@@ -123,10 +57,15 @@ def damped_step(
         model: of the cost.
         damping: relative to the diagonal of the matrix.
         longest: largest change of each unknown; the whole step is shortened to fit.
+        constraints: that the step keeps; None for none.
     """
     diagonal = np.diag(model.matrix)
     diagonal = np.maximum(diagonal, _SMALLEST_DIAGONAL * diagonal.max())
-    step = -np.linalg.solve(model.matrix + damping * np.diag(diagonal), model.gradient)
+    damped = Model(model.gradient, model.matrix + damping * np.diag(diagonal))
+    if constraints is None:
+        step = -np.linalg.solve(damped.matrix, damped.gradient)
+    else:
+        step = constrained_step(damped, constraints)
     step = step / max(1.0, float(np.max(np.abs(step) / longest)))
     return step, promised_decrease(model, step)
 

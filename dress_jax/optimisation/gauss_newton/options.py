@@ -22,13 +22,16 @@ class GaussNewtonOptions:
         normal_stride: distance of the pixels at which normals are compared [px].
         scan_scale: distance of a scan [m].
         scan_robust: distance beyond which a point of a scan pulls with constant strength [m].
+        landmark_scale: distance of landmarks [m].
+        landmark_robust: distance beyond which a landmark pulls with constant strength [m].
         guidance: rounds in which a drape is pulled toward the pictures before it is let go
             (`guidance`); 0 begins where the sensitivities predict it.
         shape_scale: strain of pattern edges beyond what one linear map per panel explains.
         size_scale: strain of pattern edges.
         control_scale: way of control points [chord lengths].
         seam_scale: change of a seam's length difference between its two sides [m].
-        stiffness_scale: change of the logarithms of the two stiffness factors.
+        stiffness_scale: change of the fabric's unknowns, mostly logarithms of factors.
+        fabric_scale: likewise, of how a panel's fabric differs from the garment's mean.
         pin_scale: displacement of the pins [m].
         longest_step: of a pattern corner in one step [m].
         longest_control_step: of a control point [chord lengths].
@@ -52,12 +55,15 @@ class GaussNewtonOptions:
     normal_stride: int = 6
     scan_scale: float = 0.005
     scan_robust: float = 0.05
+    landmark_scale: float = 0.01
+    landmark_robust: float = 0.05
     guidance: int = 3
     shape_scale: float = 0.25
     size_scale: float = 0.6
     control_scale: float = 0.13
     seam_scale: float = 0.02
     stiffness_scale: float = 7.0
+    fabric_scale: float = 1.5
     pin_scale: float = 0.1
     longest_step: float = 0.03
     longest_control_step: float = 0.1

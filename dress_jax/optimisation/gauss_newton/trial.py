@@ -17,7 +17,7 @@ from dress_jax.optimisation.draping import (
     fitted_parameters,
     smallest_relative_area,
 )
-from dress_jax.optimisation.gauss_newton.guidance import guided_start
+from dress_jax.optimisation.gauss_newton.guidance import Guided, guided_start
 from dress_jax.optimisation.gauss_newton.model import (
     Reference,
     make_model,
@@ -26,10 +26,11 @@ from dress_jax.optimisation.gauss_newton.model import (
     predict_displacement,
     pulls,
 )
-from dress_jax.optimisation.gauss_newton.normal_equations import Model
+from dress_jax.optimisation.gauss_newton.quadratic_model import Model
 from dress_jax.optimisation.losses import Garment, assess_value
 from dress_jax.optimisation.problem import FitProblem, rest_shape, validated_pattern
 from dress_jax.optimisation.report import FitInfo, StepOutcome
+from dress_jax.optimisation.rules import broken_rules
 from dress_jax.optimisation.state import Unknowns, finite
 from dress_jax.sim import static_solve
 from dress_jax.sim.sensitivity import predicted_start
@@ -115,6 +116,8 @@ def try_step(
     """
     if not finite(unknowns):
         return Trial(FitInfo(iteration, StepOutcome.NON_FINITE))
+    if broken_rules(problem, unknowns.pattern):
+        return Trial(FitInfo(iteration, StepOutcome.RULE_BROKEN))
     rest = rest_shape(problem, unknowns.pattern)
     if not smallest_relative_area(problem, np.asarray(rest)) >= problem.options.smallest_area:
         return Trial(FitInfo(iteration, StepOutcome.REST_DEGENERATE))
@@ -124,14 +127,19 @@ def try_step(
     stages, newton, iterations = _Stages(clock), problem.simulator.newton, 0
 
     def ended(info: FitInfo, reached: Iterate | None = None, **changes: Any) -> Trial:
-        changes |= {"newton_iterations": iterations, "seconds": stages.seconds()}
+        changes |= {
+            "newton_iterations": iterations,
+            "guided_rounds": rounds,
+            "seconds": stages.seconds(),
+        }
         return Trial(dataclasses.replace(info, **changes), reached)
 
     if isinstance(start, tuple):
-        positions = _guided(problem, parameters, _prediction(problem, *start, parameters))
+        begin = _prediction(problem, *start, parameters)
+        positions, rounds = _guided(problem, parameters, begin)
         stages.done("guidance")
     else:
-        positions = start
+        positions, rounds = start, 0
     for attempt in range(1 + problem.options.polish):
         # A copy: see `optimisation.trial.try_unknowns`.
         simulator = dataclasses.replace(problem.simulator, newton=newton)
@@ -166,14 +174,14 @@ def try_step(
     raise AssertionError("unreachable: every attempt returns or is followed by another")
 
 
-def guided(problem: FitProblem, unknowns: Unknowns, positions: Array) -> Array:
+def guided(problem: FitProblem, unknowns: Unknowns, positions: Array) -> Guided:
     """Where to begin the drape of some unknowns, from a state [m] toward the pictures."""
     rest = rest_shape(problem, unknowns.pattern)
     parameters = fitted_parameters(problem, rest, unknowns.log_stiffness, unknowns.pin_shift)
     return _guided(problem, parameters, positions)
 
 
-def _guided(problem: FitProblem, parameters: Parameters, positions: Array) -> Array:
+def _guided(problem: FitProblem, parameters: Parameters, positions: Array) -> Guided:
     reference = make_reference_once(problem)
     return guided_start(
         problem.simulator,

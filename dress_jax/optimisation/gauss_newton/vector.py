@@ -12,14 +12,14 @@ from dress_jax.pattern.symmetry import Symmetry, validated
 
 Vector = Float[np.ndarray, " k"]
 
-FACTORS = 2
-"""Stretching and bending."""
+PIN_SHIFT = 3
+"""Unknowns of the pins; they come last."""
 
 _FELT = 0.5  # eigenvalues of the validation are 1, or epsilon for what it takes away
 
 
 def as_vector(unknowns: Unknowns) -> Vector:
-    """Corners [m], control points [chord lengths], logarithms of stiffness factors, pins [m]."""
+    """Corners [m], control points [chord lengths], the fabric's unknowns, pins [m]."""
     pattern = unknowns.pattern
     parts = (pattern.vertices, pattern.controls, unknowns.log_stiffness, unknowns.pin_shift)
     return np.concatenate([np.asarray(part).ravel() for part in parts])
@@ -34,14 +34,14 @@ def from_vector(vector: Vector, like: Unknowns) -> Unknowns:
 
 
 def split(vector: Array, like: PatternParameters) -> tuple[PatternParameters, Array, Array]:
-    """Pattern, logarithms of stiffness factors and pins of a vector; `like` gives the shapes."""
+    """Pattern, the fabric's unknowns and pins of a vector; `like` gives the shapes."""
     corners = like.vertices.size
     controls = corners + like.controls.size
     pattern = PatternParameters(
         vertices=vector[:corners].reshape(like.vertices.shape),
         controls=vector[corners:controls].reshape(like.controls.shape),
     )
-    return pattern, vector[controls : controls + FACTORS], vector[controls + FACTORS :]
+    return pattern, vector[controls:-PIN_SHIFT], vector[-PIN_SHIFT:]
 
 
 def step_limits(unknowns: Unknowns, options: GaussNewtonOptions) -> Vector:
@@ -56,7 +56,9 @@ def step_limits(unknowns: Unknowns, options: GaussNewtonOptions) -> Vector:
     )
 
 
-def felt_directions(like: PatternParameters, symmetry: Symmetry | None) -> Float[np.ndarray, "r k"]:
+def felt_directions(
+    like: PatternParameters, symmetry: Symmetry | None, fabric: int
+) -> Float[np.ndarray, "r k"]:
     """An orthonormal basis of the directions in which validated unknowns change (host).
 
     What mirrored panels differ in has no effect, so about half as many sensitivities will do.
@@ -64,9 +66,10 @@ def felt_directions(like: PatternParameters, symmetry: Symmetry | None) -> Float
     Args:
         like: gives the shapes.
         symmetry: of the pattern.
+        fabric: number of its unknowns.
     """
     count = like.vertices.size + like.controls.size
-    rest = FACTORS + 3
+    rest = fabric + PIN_SHIFT
     if symmetry is None:
         return np.eye(count + rest)
 

@@ -1,0 +1,1 @@
+"""Bodies found again in pictures of themselves, half of them hidden."""
