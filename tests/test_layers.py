@@ -24,14 +24,16 @@ ALLOWED: dict[str, set[str]] = {
     "energy": {"core", "geometry"},
     "contact": {"core", "geometry"},
     "solver": {"core"},
+    "capture": {"core", "geometry", "pattern", "body", "render"},
     "sim": {"core", "geometry", "pattern", "energy", "contact", "solver"},
     "loss": _BELOW_SIM | {"sim"},
     "optimisation": _BELOW_SIM | {"sim", "loss"},
     "reconstruction": {"core", "geometry", "body", "render", "loss"},
-    "texture": {"core", "geometry", "pattern", "render"},
-    "io": _BELOW_SIM | _BELOW_IO,
-    "application": _BELOW_SIM | _BELOW_IO | {"io"},
-    "cli": _BELOW_SIM | _BELOW_IO | {"io", "application"},
+    "io": _BELOW_SIM | {"capture", "sim", "loss", "optimisation", "reconstruction", "texture"},
+    "application": _BELOW_SIM
+    | {"capture", "sim", "loss", "optimisation", "reconstruction", "texture", "io"},
+    "cli": _BELOW_SIM
+    | {"capture", "sim", "loss", "optimisation", "reconstruction", "texture", "io", "application"},
 }
 # Layers that may touch files, clocks and the environment.
 EFFECTS = {"io", "application", "cli"}

@@ -27,6 +27,15 @@ def _without(term: str) -> Variant:
     return changed
 
 
+def _stronger(term: str, factor: float) -> Variant:
+    def changed(options: FitOptions) -> FitOptions:
+        return dataclasses.replace(
+            options, weights={**options.weights, term: factor * options.weights[term]}
+        )
+
+    return changed
+
+
 def _then(first: Variant, second: Variant) -> Variant:
     return lambda options: second(first(options))
 
@@ -53,6 +62,9 @@ ADAM: Mapping[str, Variant] = {
     "adam": _adam,
     **{f"adam-no-{term.replace('_', '-')}": _then(_adam, _without(term)) for term in PAPER_WEIGHTS},
     "adam-no-symmetry": _then(_adam, _asymmetric),
+    "adam-one-stage": _then(_adam, lambda options: dataclasses.replace(options, stage_one=0)),
+    "adam-laplacian-10": _then(_adam, _stronger("laplacian", 10.0)),
+    "adam-laplacian-100": _then(_adam, _stronger("laplacian", 100.0)),
 }
 """Of the paper's, one for every term of its loss (S18)."""
 

@@ -115,7 +115,8 @@ def fit_pattern(
     Args:
         pattern: where to begin.
         wearer: the body in the pose of the views.
-        views: from `application.targets.read_targets`, or `scan_views`.
+        views: from `application.targets.read_targets`, `application.bundle_targets.read_views`, or
+            `views_without_pictures`.
         folder: for checkpoints.
         drape_options: mesh and fabric; the Newton rule holds for every drape. Friction acts in the
             initial drape only (S8.9, S9.9); a strain limit is refused.

@@ -191,6 +191,7 @@ def as_record(info: FitInfo, state: AnyState) -> dict[str, Any]:
         "newton_iterations": info.newton_iterations,
         "remaining_step_m": finite_or_none(info.remaining_step),
         "intersections": info.intersections,
+        "guided_rounds": info.guided_rounds,
         "rate_scale": info.rate_scale,
         "cost": finite_or_none(info.cost),
         "outline_m": finite_or_none(info.outline),

@@ -38,7 +38,7 @@ def fit(
     pattern: PatternFile,
     out: Out,
     targets: Annotated[
-        Path | None, typer.Option(help="Folder of target views, as `render` writes.")
+        Path | None, typer.Option(help="Target views: a folder that `render` wrote, or a bundle.")
     ] = None,
     scan: Annotated[
         Path | None,
@@ -91,15 +91,11 @@ def fit(
 
     Ctrl-C stops with a checkpoint; --resume goes on exactly.
     """
+    from dress_jax.application.bundle_targets import read_views
     from dress_jax.application.fit import fit_pattern, fit_report, scheduled
     from dress_jax.application.fit_files import save_fit
     from dress_jax.application.fit_run import FitInterrupted
-    from dress_jax.application.targets import (
-        read_landmarks,
-        read_scan,
-        read_targets,
-        views_without_pictures,
-    )
+    from dress_jax.application.targets import read_landmarks, read_scan, views_without_pictures
     from dress_jax.application.wearer import find_wearer
     from dress_jax.core.errors import InputError
     from dress_jax.io.patterns import load_pattern, load_rules
@@ -125,7 +121,7 @@ def fit(
     kept = () if rules is None else load_rules(rules, start)
     scanned = None if scan is None else read_scan(scan, complete=scan_complete)
     marks = () if landmarks is None else read_landmarks(landmarks)
-    views = None if targets is None else read_targets(targets)
+    views = None if targets is None else read_views(targets)
     prepare_folder(out)
     wearer = find_wearer(body, pose=pose, shape=shape, dressing_pose=dressing_pose)
     if views is not None:

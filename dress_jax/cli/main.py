@@ -6,6 +6,7 @@ import typer
 
 from dress_jax import __version__
 from dress_jax.cli.body import fit_body
+from dress_jax.cli.bundling import bundle
 from dress_jax.cli.checking import check, gradcheck
 from dress_jax.cli.draping import drape, render
 from dress_jax.cli.environment import CACHE_VARIABLE
@@ -49,7 +50,7 @@ def options(
     context.obj = {"cache": cache_dir}
 
 
-for _command in (drape, render, fit, fit_body, texture, check, gradcheck, demo):
+for _command in (drape, render, bundle, fit, fit_body, texture, check, gradcheck, demo):
     app.command()(_command)
 
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 import importlib.resources
-import zipfile
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -13,6 +12,7 @@ from dress_jax.body.model import BodyModel, forward, named_shape
 from dress_jax.body.poses import POSES, named_pose
 from dress_jax.body.shaping import shape_with
 from dress_jax.core.errors import InputError
+from dress_jax.io.arrays import read_npz
 from dress_jax.io.body_meshes import load_body_mesh
 
 # What an SMPL-X file must hold; hand means and pose correctives are optional.
@@ -80,7 +80,7 @@ def load_body_model(
         InputError: the file is missing, is no npz, lacks keys or holds arrays of wrong shapes.
     """
     path = Path(path)
-    arrays = _read_npz(path)
+    arrays = read_npz(path)
     missing = [key for key in SMPLX_KEYS if key not in arrays]
     if missing:
         raise InputError(
@@ -216,7 +216,7 @@ def _pose_argument(pose: str | Path, *, joints: int) -> tuple[np.ndarray, np.nda
             where="pose",
             mend=f"give one of {', '.join(POSES)}, or a file ending in .npz",
         )
-    arrays = _read_npz(path)
+    arrays = read_npz(path)
     key = "pose" if "pose" in arrays else "poses"
     if key not in arrays:
         raise InputError("holds no 'pose'", where=str(path), mend="save the pose under that key")
@@ -231,31 +231,6 @@ def _pose_argument(pose: str | Path, *, joints: int) -> tuple[np.ndarray, np.nda
         )
     betas = arrays.get("betas")
     return values.reshape(joints, 3), None if betas is None else np.ravel(betas)
-
-
-def _read_npz(path: Path) -> dict[str, np.ndarray]:
-    """All plain arrays of an npz file; object arrays are skipped, nothing is unpickled."""
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            if not isinstance(data, np.lib.npyio.NpzFile):
-                raise InputError(
-                    "is a single array, not an npz file", where=str(path), mend="save with np.savez"
-                )
-            arrays = {}
-            for key in data.files:
-                try:
-                    arrays[key] = data[key]
-                except ValueError:
-                    continue
-            return arrays
-    except OSError as error:
-        raise InputError(
-            f"cannot be read ({error.strerror or error})", where=str(path), mend="check the path"
-        ) from error
-    except (zipfile.BadZipFile, ValueError, EOFError) as error:
-        raise InputError(
-            "is not a valid npz file", where=str(path), mend="copy it again"
-        ) from error
 
 
 def _shape_count(directions: np.ndarray) -> int:

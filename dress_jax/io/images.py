@@ -62,21 +62,21 @@ def write_normals(
 
 def read_rgb(path: str | Path) -> Float[np.ndarray, "h w 3"]:
     """Colours in [0, 1]; transparent pixels are laid over white."""
-    with _opened(path) as image:
+    with opened(path) as image:
         rgba = np.asarray(image.convert("RGBA"), dtype=np.float32) / 255.0
     return rgba[..., :3] * rgba[..., 3:] + (1.0 - rgba[..., 3:])
 
 
 def read_mask(path: str | Path) -> Float[np.ndarray, "h w"]:
     """Coverage in [0, 1], from a grey image or the alpha channel of one that has it."""
-    with _opened(path) as image:
+    with opened(path) as image:
         grey = image.getchannel("A") if "A" in image.getbands() else image.convert("L")
         return np.asarray(grey, dtype=np.float32) / 255.0
 
 
 def read_normals(path: str | Path) -> Float[np.ndarray, "h w 3"]:
     """Normals 2 c - 1 as encoded; not normalized, and white background reads as (1, 1, 1)."""
-    with _opened(path) as image:
+    with opened(path) as image:
         return np.asarray(image.convert("RGB"), dtype=np.float32) / 127.5 - 1.0
 
 
@@ -197,7 +197,12 @@ def _write(path: str | Path, pixels: np.ndarray) -> None:
         Image.fromarray(pixels).save(temporary, format="PNG")
 
 
-def _opened(path: str | Path) -> Image.Image:
+def opened(path: str | Path) -> Image.Image:
+    """A picture as it is in its file, with its own mode.
+
+    Raises:
+        InputError: the file is missing or no picture.
+    """
     try:
         image = Image.open(path)
         image.load()

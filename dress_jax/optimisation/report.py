@@ -36,6 +36,7 @@ class FitInfo:
         solve_result: how the drape ended; None where there was none.
         remaining_step: length of its last Newton step [m].
         intersections: of the drape, by the exact test.
+        guided_rounds: in which a Gauss-Newton drape was pulled toward the pictures before it began.
         rate_scale: factor on the learning rates with which the proposal was made (Adam).
         cost: what a Gauss-Newton step lowers; NaN where it was not computed.
         outline: root mean square distance of the outlines [m], likewise.
@@ -54,6 +55,7 @@ class FitInfo:
     solve_result: Result | None = None
     remaining_step: float = np.nan
     intersections: int = 0
+    guided_rounds: int = 0
     rate_scale: float = 1.0
     cost: float = np.nan
     outline: float = np.nan

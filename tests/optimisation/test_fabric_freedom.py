@@ -157,6 +157,7 @@ def with_marks(woven, observation, fabrics, options):
     )
 
 
+@pytest.mark.slow
 def test_the_model_knows_every_number_of_the_fabric(woven, truth):
     """Landmarks to warp, weft, shear, bending and its anisotropy of both panels, by differences."""
     options = FitOptions(weights={}, fabric=BOTH, gauss_newton=rigid_pattern())

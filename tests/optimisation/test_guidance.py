@@ -57,12 +57,14 @@ def test_a_guided_start_is_closer_and_free(fresh):
     simulator = dataclasses.replace(problem.simulator)
 
     def guided(rounds):
+        start = state.positions
         return guided_start(
-            simulator, parameters, state.positions, lambda x: pulls(problem, reference, x), rounds
+            simulator, parameters, start, lambda x: pulls(problem, reference, x), rounds
         )
 
-    assert guided(0) is state.positions
-    pulled = guided(3)
+    assert guided(0).positions is state.positions
+    pulled, rounds = guided(3)
+    assert rounds == 3
     counts = count_intersections(
         np.asarray(pulled),
         np.asarray(problem.discretization.faces),

@@ -47,13 +47,25 @@ class Pull(NamedTuple):
     weight: Float[np.ndarray, " r"]
 
 
+class Guided(NamedTuple):
+    """Where a drape begins.
+
+    Attributes:
+        positions: intersection-free [m], (n, 3).
+        rounds: taken; fewer than asked for where a projection did not end free of intersections.
+    """
+
+    positions: Float[Array, "n 3"]
+    rounds: int
+
+
 def guided_start(
     simulator: Simulator,
     parameters: Parameters,
     positions: Float[Array, "n 3"],
     pull: Callable[[Array], list[Pull]],
     rounds: int,
-) -> Float[Array, "n 3"]:
+) -> Guided:
     """Intersection-free positions near some, closer to the pictures.
 
     Args:
@@ -68,15 +80,15 @@ def guided_start(
     )
     smoothness = _smoothness(np.asarray(simulator.cloth.faces).T, len(positions))
     masses = np.asarray(vertex_masses(parameters, simulator.cloth))
-    for _ in range(rounds):
+    for number in range(rounds):
         way = displacement(pull(positions), masses, smoothness)
         own = dataclasses.replace(simulator, newton=newton)
         state = State(positions, jnp.asarray(way / _TIME_STEP))
         reached, report = step(own, state, parameters, time_step=_TIME_STEP)
         if not report.intersection_free:
-            break
+            return Guided(positions, number)
         positions = reached.positions
-    return positions
+    return Guided(positions, rounds)
 
 
 def displacement(

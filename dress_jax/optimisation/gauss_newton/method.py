@@ -210,7 +210,7 @@ def carry_over(
     # The pins' shift comes last in the vector, and its centre moves with it.
     center = state.center.at[-3:].add(pin_change(old, new))
     # The new garment's folds are its own; the pictures say which the old one's were.
-    settled = guided(new, unknowns, settle(new, unknowns, positions))
+    settled = guided(new, unknowns, settle(new, unknowns, positions)).positions
     trial = try_step(
         new, unknowns, settled, np.inf, center=center, iteration=iteration, clock=clock
     )

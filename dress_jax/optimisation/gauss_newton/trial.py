@@ -17,7 +17,7 @@ from dress_jax.optimisation.draping import (
     fitted_parameters,
     smallest_relative_area,
 )
-from dress_jax.optimisation.gauss_newton.guidance import guided_start
+from dress_jax.optimisation.gauss_newton.guidance import Guided, guided_start
 from dress_jax.optimisation.gauss_newton.model import (
     Reference,
     make_model,
@@ -127,14 +127,19 @@ def try_step(
     stages, newton, iterations = _Stages(clock), problem.simulator.newton, 0
 
     def ended(info: FitInfo, reached: Iterate | None = None, **changes: Any) -> Trial:
-        changes |= {"newton_iterations": iterations, "seconds": stages.seconds()}
+        changes |= {
+            "newton_iterations": iterations,
+            "guided_rounds": rounds,
+            "seconds": stages.seconds(),
+        }
         return Trial(dataclasses.replace(info, **changes), reached)
 
     if isinstance(start, tuple):
-        positions = _guided(problem, parameters, _prediction(problem, *start, parameters))
+        begin = _prediction(problem, *start, parameters)
+        positions, rounds = _guided(problem, parameters, begin)
         stages.done("guidance")
     else:
-        positions = start
+        positions, rounds = start, 0
     for attempt in range(1 + problem.options.polish):
         # A copy: see `optimisation.trial.try_unknowns`.
         simulator = dataclasses.replace(problem.simulator, newton=newton)
@@ -169,14 +174,14 @@ def try_step(
     raise AssertionError("unreachable: every attempt returns or is followed by another")
 
 
-def guided(problem: FitProblem, unknowns: Unknowns, positions: Array) -> Array:
+def guided(problem: FitProblem, unknowns: Unknowns, positions: Array) -> Guided:
     """Where to begin the drape of some unknowns, from a state [m] toward the pictures."""
     rest = rest_shape(problem, unknowns.pattern)
     parameters = fitted_parameters(problem, rest, unknowns.log_stiffness, unknowns.pin_shift)
     return _guided(problem, parameters, positions)
 
 
-def _guided(problem: FitProblem, parameters: Parameters, positions: Array) -> Array:
+def _guided(problem: FitProblem, parameters: Parameters, positions: Array) -> Guided:
     reference = make_reference_once(problem)
     return guided_start(
         problem.simulator,

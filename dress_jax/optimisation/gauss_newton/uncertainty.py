@@ -20,6 +20,13 @@ import scipy.linalg
 from jaxtyping import Array, Float
 
 from dress_jax.optimisation.draping import fitted_parameters
+from dress_jax.optimisation.gauss_newton.information import (
+    deviations,
+    least_known,
+    make_knowledge,
+    told,
+    with_rows,
+)
 from dress_jax.optimisation.gauss_newton.model import (
     Reference,
     drape_sensitivity,
@@ -41,7 +48,6 @@ CORRELATION = 0.05  # [m]; folds are a few centimetres wide
 _LEAST_PIXELS = 0.3  # standard deviation of an outline that fits perfectly [px]
 _LEAST = {Observed.NORMALS: 0.05, Observed.SCAN: 1e-3, Observed.LANDMARKS: 2e-3}  # likewise
 _DIRECTIONS = 6
-_NOTHING = 1e-24  # [m^2]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,38 +136,26 @@ def find_uncertainty(
         information += own.model(sensitivity).matrix * own.scale**2 * count / deviation**2
         noise[own.kind], independent[own.kind] = deviation, count
 
-    basis = reference.felt
-    prior = basis @ _known_before(problem, unknowns, before) @ basis.T
-    known = np.linalg.inv(prior + information)
+    knowledge = make_knowledge(
+        reference.felt, _known_before(problem, unknowns, before), information
+    )
     lengths, slopes = _lengths(problem, unknowns)
-    slopes = slopes @ basis.T
-    first = -PIN_SHIFT - len(np.asarray(unknowns.log_stiffness))
-    fabric = basis[:, first:-PIN_SHIFT].T
-    spread = slopes @ known @ slopes.T
-    values, vectors = np.linalg.eigh(0.5 * (spread + spread.T))
-    chosen = np.argsort(values)[::-1][:_DIRECTIONS]
-    sizes, vectors = np.sqrt(np.maximum(values[chosen], _NOTHING)), vectors[:, chosen]
+    fabric = np.asarray(unknowns.log_stiffness)
+    own = np.zeros((len(fabric), slopes.shape[1]))
+    own[:, -PIN_SHIFT - len(fabric) : -PIN_SHIFT] = np.eye(len(fabric))
+    directions, ways = least_known(knowledge, slopes, _DIRECTIONS)
     return Uncertainty(
         lengths=lengths,
-        length_deviation=np.sqrt(np.diag(spread)),
-        length_told=_told(slopes, prior, known),
-        fabric=np.asarray(unknowns.log_stiffness),
-        fabric_deviation=np.sqrt(np.diag(fabric @ known @ fabric.T)),
-        fabric_told=_told(fabric, prior, known),
-        directions=(vectors * sizes).T,
-        ways=(vectors / sizes).T @ slopes @ known @ basis,
+        length_deviation=deviations(knowledge, slopes),
+        length_told=told(knowledge, slopes),
+        fabric=fabric,
+        fabric_deviation=deviations(knowledge, own),
+        fabric_told=told(knowledge, own),
+        directions=directions,
+        ways=ways,
         noise=noise,
         independent=independent,
     )
-
-
-def _told(
-    rows: Float[np.ndarray, "m r"], prior: Float[np.ndarray, "r r"], known: Float[np.ndarray, "r r"]
-) -> Float[np.ndarray, " m"]:
-    """One minus the variance of some quantities over the one that they had before."""
-    variance = np.sum(rows * (rows @ known), axis=1)
-    earlier = np.sum(rows.T * np.linalg.solve(prior, rows.T), axis=0)
-    return 1.0 - variance / earlier
 
 
 def _remaining(problem: FitProblem, felt: Residuals, positions: Array) -> float:
@@ -214,8 +208,7 @@ def _known_before(
         np.eye(len(np.asarray(unknowns.log_stiffness))) / before.fabric**2,
         np.eye(PIN_SHIFT) / before.pin**2,
     )
-    seams = seam_slopes(problem, unknowns)
-    return np.asarray(precision) + seams.T @ seams / before.seam**2
+    return with_rows(np.asarray(precision), seam_slopes(problem, unknowns), before.seam)
 
 
 def _lengths(
