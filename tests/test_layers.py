@@ -14,7 +14,7 @@ DESIGN = PACKAGE.parent / "docs" / "design.md"
 # What each package may import besides itself. Dictionary order is the layer order: a package may
 # only name packages above it.
 _BELOW_SIM = {"core", "geometry", "pattern", "body", "render", "energy", "contact", "solver"}
-_BELOW_IO = {"sim", "loss", "optimisation", "reconstruction", "texture"}
+_BELOW_IO = {"capture", "sim", "loss", "optimisation", "reconstruction", "texture"}
 ALLOWED: dict[str, set[str]] = {
     "core": set(),
     "geometry": {"core"},
@@ -29,11 +29,10 @@ ALLOWED: dict[str, set[str]] = {
     "loss": _BELOW_SIM | {"sim"},
     "optimisation": _BELOW_SIM | {"sim", "loss"},
     "reconstruction": {"core", "geometry", "body", "render", "loss"},
-    "io": _BELOW_SIM | {"capture", "sim", "loss", "optimisation", "reconstruction", "texture"},
-    "application": _BELOW_SIM
-    | {"capture", "sim", "loss", "optimisation", "reconstruction", "texture", "io"},
-    "cli": _BELOW_SIM
-    | {"capture", "sim", "loss", "optimisation", "reconstruction", "texture", "io", "application"},
+    "texture": {"core", "geometry", "pattern", "render"},
+    "io": _BELOW_SIM | _BELOW_IO,
+    "application": _BELOW_SIM | _BELOW_IO | {"io"},
+    "cli": _BELOW_SIM | _BELOW_IO | {"io", "application"},
 }
 # Layers that may touch files, clocks and the environment.
 EFFECTS = {"io", "application", "cli"}
