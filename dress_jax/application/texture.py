@@ -319,7 +319,7 @@ def _named_view(targets: Targets, azimuth: int) -> int:
 
 
 def _compared(targets: Targets, front: int) -> list[int]:
-    """Evenly chosen views, the front among them, in the order of the folder."""
+    """Evenly chosen views, the front among them, in the folder's order."""
     count = len(targets.azimuths)
     steps = np.arange(COMPARED_VIEWS) * count // COMPARED_VIEWS
     return sorted({int((front + step) % count) for step in steps})

@@ -19,6 +19,7 @@ CLEAR = 0.5
 HARMONICS = 3
 """Waves that stand for a pattern, from its period downward."""
 
+_LINES = 64  # that are looked at for a period
 _SEARCH = 0.08  # of a period, on either side of what correlation says
 _OVERLAP = 8  # the strip is a part of this of the image's length
 _SMALLEST_OVERLAP = 4
@@ -93,7 +94,8 @@ def find_period(image: Float[np.ndarray, "h w 3"], *, axis: int) -> float | None
     """
     values = np.moveaxis(np.asarray(image, np.float64), axis, 0)
     count = len(values)
-    values = values.reshape(count, -1)
+    # Some lines say as much as all of them.
+    values = values[:, :: -(-values.shape[1] // _LINES)].reshape(count, -1)
     position = np.linspace(-1.0, 1.0, count)[:, None]
     values = values - values.mean()
     values = values - position * (position * values).sum() / (position**2).sum() / values.shape[1]
