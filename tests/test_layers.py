@@ -14,7 +14,7 @@ DESIGN = PACKAGE.parent / "docs" / "design.md"
 # What each package may import besides itself. Dictionary order is the layer order: a package may
 # only name packages above it.
 _BELOW_SIM = {"core", "geometry", "pattern", "body", "render", "energy", "contact", "solver"}
-_BELOW_IO = {"capture", "sim", "loss", "optimisation", "reconstruction", "texture"}
+_BELOW_IO = {"capture", "vision", "sim", "loss", "optimisation", "reconstruction", "texture"}
 ALLOWED: dict[str, set[str]] = {
     "core": set(),
     "geometry": {"core"},
@@ -25,6 +25,7 @@ ALLOWED: dict[str, set[str]] = {
     "contact": {"core", "geometry"},
     "solver": {"core"},
     "capture": {"core", "geometry", "pattern", "body", "render"},
+    "vision": {"core", "capture"},
     "sim": {"core", "geometry", "pattern", "energy", "contact", "solver"},
     "loss": _BELOW_SIM | {"sim"},
     "optimisation": _BELOW_SIM | {"sim", "loss"},
@@ -36,8 +37,8 @@ ALLOWED: dict[str, set[str]] = {
 }
 # Layers that may touch files, clocks and the environment.
 EFFECTS = {"io", "application", "cli"}
-# Tools that make the body data once; no simulation runs through them.
-EFFECT_MODULES = {"body/bake.py", "body/anny_source.py"}
+# Tools that make the embedded data once; no simulation runs through them.
+EFFECT_MODULES = {"body/bake.py", "body/anny_source.py", "vision/bake.py"}
 
 _EFFECT_IMPORTS = {
     "os",
@@ -162,7 +163,7 @@ def test_numeric_layers_have_no_effects():
     assert not faults, "\n".join(faults)
 
 
-def test_only_outer_layers_use_the_body_tools():
+def test_only_outer_layers_use_the_data_tools():
     """The exempt modules must not leak into the numeric layers through an import."""
     tools = {"dress_jax." + name[:-3].replace("/", ".") for name in EFFECT_MODULES}
     for path in _modules():

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from dress_jax.application.bundle_targets import draw_masks
+from dress_jax.application.photo import read_photo
 from dress_jax.application.progress import Progress, silent
 from dress_jax.capture.bundle import Bundle, merge_bundles
 from dress_jax.core.errors import InputError
@@ -32,6 +33,7 @@ class Source(enum.Enum):
     """Formats that are read."""
 
     BUNDLE = "bundle"
+    PHOTO = "photo"
     TARGETS = "targets"
     PHOTOGRAPH = "photograph"
     LABELS = "labels"
@@ -54,6 +56,7 @@ def _magicman_body(path: Path) -> Bundle:
 
 _READERS: Mapping[Source, Callable[..., Bundle]] = {
     Source.BUNDLE: load_bundle,
+    Source.PHOTO: read_photo,
     Source.TARGETS: read_target_folder,
     Source.PHOTOGRAPH: read_photograph,
     Source.LABELS: read_label_map,

@@ -14,6 +14,7 @@ class SourceName(enum.Enum):
     """Formats that are read; values as in `application.bundle.Source`, which is slow to import."""
 
     BUNDLE = "bundle"
+    PHOTO = "photo"
     TARGETS = "targets"
     PHOTOGRAPH = "photograph"
     LABELS = "labels"
@@ -74,7 +75,8 @@ def bundle(
         int | None, typer.Option(min=0, help="openpose, dwpose: which of several people, from 0.")
     ] = None,
     matte: Annotated[
-        Path | None, typer.Option(help="photograph: the matte, unless the picture has alpha.")
+        Path | None,
+        typer.Option(help="photo, photograph: the matte, unless the picture has alpha."),
     ] = None,
     tool: Annotated[
         str | None, typer.Option(help="pattern: the tool it came from, for the record.")
@@ -82,6 +84,7 @@ def bundle(
 ) -> ExitCode:
     """Collect what other tools found out about a dressed person, for `fit --targets`."""
     from dress_jax.application.bundle import Source, bundle_rows, make_bundle, write_bundle
+    from dress_jax.application.photo import label_rows
     from dress_jax.io.capture.bundles import load_bundle
 
     with stages() as progress:
@@ -103,5 +106,7 @@ def bundle(
         )
     preview = write_bundle(out, result)
     table(str(out), bundle_rows(result), header=("part", "what", "source"))
+    if source is SourceName.PHOTO and result.labels is not None:
+        table("shares of the person's pixels", label_rows(result))
     wrote(out, preview)
     return ExitCode.DONE

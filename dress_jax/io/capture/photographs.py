@@ -9,6 +9,8 @@ from dress_jax.io.capture.pictures import read_coverage, read_pixels
 def read_photograph(path: str | Path, *, matte: str | Path | None = None) -> Bundle:
     """The image, and the matte where there is one; transparent pixels become white.
 
+    Cameras write how they were held; the image is turned upright by that.
+
     Args:
         path: PNG, JPEG or another picture.
         matte: coverage by the person, of the same size; the picture's alpha channel unless given.
