@@ -250,7 +250,10 @@ def _probabilities(scene: Scene, waist: float) -> Float[np.ndarray, "h w k"]:
     walked = random_walk(shade_tolerant(scene.colors), posterior, fixed, scene.region, **_WALK)
     walked /= np.maximum(walked.sum(axis=-1, keepdims=True), 1e-12)
     # At full size the matte's rim reaches beyond the region: there the nearest pixel speaks.
-    _, nearest = ndimage.distance_transform_edt(~scene.region, return_indices=True)
+    nearest = np.zeros((2, *scene.region.shape), np.int32)
+    ndimage.distance_transform_edt(
+        ~scene.region, return_distances=False, return_indices=True, indices=nearest
+    )
     return walked[tuple(nearest)]
 
 

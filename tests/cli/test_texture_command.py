@@ -12,6 +12,7 @@ from PIL import Image
 sys.path.insert(0, str(Path(__file__).parents[1] / "texture"))
 import texture_scenes as scenes
 
+from dress_jax.application.tile_sources import read_tile
 from dress_jax.io.images import Targets, save_targets, write_rgb
 from dress_jax.io.meshes import GarmentMesh
 from dress_jax.io.obj import read_obj
@@ -115,15 +116,9 @@ def test_a_baked_texture_shows_what_the_views_show(run, pictured, tmp_path):
     assert place.min() > 0.0 and place.max() < 1.0
 
 
-def test_a_tile_from_a_file(run, pictured, tmp_path):
+def test_a_tile_from_a_file_has_the_given_width(tmp_path):
     write_rgb(tmp_path / "tile.png", np.full((10, 20, 3), 0.5))
-    result = textured(
-        *(run, pictured, tmp_path / "out"),
-        *("--tile", tmp_path / "tile.png", "--tile-size-cm", 8),
-    )
-    assert result.exit_code == 0, result.output
-    tile = report_of(tmp_path / "out")["garments"]["garment"]["tile"]
-    assert (tile["width"], tile["height"]) == pytest.approx((0.08, 0.04))
+    assert read_tile(tmp_path / "tile.png", 0.08).size == pytest.approx((0.08, 0.04))
 
 
 def tool(folder, text):

@@ -1,9 +1,12 @@
 """S14.1: the largest square of uniform colour inside the mask."""
 
+import dataclasses
+
 import numpy as np
 import pytest
+import texture_scenes as scenes
 
-from dress_jax.texture.square import central_square, largest_side, uniform_square
+from dress_jax.texture.square import central_square, even_cloth, largest_side, uniform_square
 
 
 def brute_force_side(allowed):
@@ -64,3 +67,21 @@ def test_where_nothing_is_uniform_the_most_uniform_is_taken():
     square = uniform_square(picture, np.ones((60, 60), bool), tolerance=0.0)
     assert square is not None
     assert square.side <= 22 and square.column < 10
+
+
+def test_borders_of_panels_folds_and_steep_cloth_are_left_out():
+    """A panel border between columns 9 and 10, a fold's jump of coordinates between columns 19 and
+    20, and cloth that turns away from column 30 on."""
+    column, row = np.meshgrid(np.arange(40), np.arange(12))
+    place = 0.003 * np.stack([column, row], axis=-1)
+    place[:, 20:, 0] += 0.02
+    flat = scenes.flat_map(place, 1.0, 0.003)
+    seen = dataclasses.replace(flat, panel=np.where(column < 10, 0, 1))
+    cosine = np.where(column < 30, 0.9, 0.5)
+    mask = np.ones((12, 40), bool)
+    mask[0] = False
+    allowed = even_cloth(seen, mask, cosine, smallest_cosine=0.6)
+    assert not allowed[0].any()
+    left_out = np.flatnonzero(~allowed[1:].any(axis=0))
+    np.testing.assert_array_equal(left_out, [9, 10, 19, 20, *range(30, 40)])
+    assert allowed[1:, 11:19].all()
