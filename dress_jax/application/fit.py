@@ -37,6 +37,7 @@ from dress_jax.optimisation import (
     named_values,
 )
 from dress_jax.optimisation.draping import fitted_parameters
+from dress_jax.optimisation.landmarks import check_landmarks
 from dress_jax.optimisation.problem import rest_shape
 from dress_jax.optimisation.state import DrapedUnknowns, Unknowns
 from dress_jax.pattern import Pattern, discretize
@@ -44,6 +45,8 @@ from dress_jax.pattern.rules import Rule
 from dress_jax.sim import static_solve
 from dress_jax.sim.equilibrium import Report
 from dress_jax.solver.linear import LinearSolveError
+
+_NO_DERIVATIVE = "the final drape is no stable equilibrium, so it has no derivative"
 
 
 class Fitted(NamedTuple):
@@ -141,6 +144,7 @@ def fit_pattern(
             mend="fit without it, and drape the result with it",
         )
     fit_options = usable(fit_options, views)
+    check_landmarks(views.landmarks, pattern, views.observation.view_count)
     if truth is not None:
         length_errors(pattern, truth)  # says here, not after hours, where the two differ
     names = tuple(rule.name for rule in rules)
@@ -237,7 +241,7 @@ def fit_report(result: FitResult) -> dict[str, Any]:
         "scan_cm": None,
         "landmarks_cm": None,
         "rules": [rule.name for rule in result.problem.rules],
-        "known": None
+        "known": {"missing": _NO_DERIVATIVE}
         if result.known is None
         else knowledge_report(result.problem, result.pattern, result.known),
         "edge_length_error": None,

@@ -76,7 +76,7 @@ def fit(
     newton_limit: NewtonLimit = 300,
     iterations: Annotated[int, typer.Option(min=0, help="Steps at most.")] = 60,
     method: Annotated[
-        Method, typer.Option(help="gauss-newton compares outlines; adam all images, by gradient.")
+        Method, typer.Option(help="gauss-newton linearizes the drape; adam follows a gradient.")
     ] = Method.GAUSS_NEWTON,
     views_per_iteration: Annotated[
         int | None,
@@ -102,7 +102,6 @@ def fit(
     from dress_jax.io.results import prepare_folder
     from dress_jax.io.timing import stopwatch
     from dress_jax.optimisation import FabricFreedom, FitMethod
-    from dress_jax.optimisation.landmarks import check_landmarks
 
     if targets is None and scan is None and landmarks is None:
         raise InputError(
@@ -128,7 +127,6 @@ def fit(
         views = dataclasses.replace(views, scan=scanned, landmarks=marks)
     else:
         views = views_without_pictures(wearer.vertices, scan=scanned, landmarks=marks)
-    check_landmarks(marks, start, views.observation.view_count)
     try:
         with stopwatch() as seconds, stages() as progress:
             result = fit_pattern(

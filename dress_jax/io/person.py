@@ -9,7 +9,6 @@ missing where they are 0, 1, ... A body is an `.npz` file with `pose` (55, 3) [r
 """
 
 import dataclasses
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from dress_jax.core.errors import InputError
+from dress_jax.io.arrays import read_npz
 from dress_jax.io.atomic import atomic_path
 from dress_jax.io.documents import read_json
 from dress_jax.io.images import Targets, load_targets, read_mask
@@ -97,7 +97,7 @@ def read_landmarks(
     """
     path = Path(path)
     if path.suffix.lower() == ".npz":
-        arrays: dict[str, Any] = _read_npz(path)
+        arrays: dict[str, Any] = read_npz(path)
     else:
         arrays = read_json(path, what="landmarks")
     points = _numbers(path, arrays, "landmarks")
@@ -149,7 +149,7 @@ def read_body(path: str | Path) -> SavedBody:
         InputError: the file is missing or malformed, or lacks the pose.
     """
     path = Path(path)
-    arrays = _read_npz(path)
+    arrays = read_npz(path)
     pose = _numbers(path, arrays, "pose")
     if pose.size != 165:
         raise InputError(
@@ -170,27 +170,15 @@ def read_body(path: str | Path) -> SavedBody:
 
 def _numbers(path: Path, arrays: dict[str, Any], key: str) -> np.ndarray:
     if key not in arrays:
-        raise InputError(f"holds no '{key}'", where=str(path), mend="see docs/reconstruction.md")
+        raise InputError(
+            f"holds no '{key}' among its plain arrays",
+            where=str(path),
+            mend="see docs/reconstruction.md",
+        )
     try:
         # JSON writes a landmark that was not found as null.
         return np.asarray(arrays[key], dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(
             f"'{key}' is no regular array of numbers", where=str(path), mend="write it again"
-        ) from error
-
-
-def _read_npz(path: Path) -> dict[str, np.ndarray]:
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            if not isinstance(data, np.lib.npyio.NpzFile):
-                raise InputError("is no npz file", where=str(path), mend="save with np.savez")
-            return {key: data[key] for key in data.files}
-    except OSError as error:
-        raise InputError(
-            f"cannot be read ({error.strerror or error})", where=str(path), mend="check the path"
-        ) from error
-    except (zipfile.BadZipFile, ValueError, EOFError) as error:
-        raise InputError(
-            "is not a valid npz file of plain arrays", where=str(path), mend="write it again"
         ) from error

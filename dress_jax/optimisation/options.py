@@ -35,8 +35,8 @@ The paper gives lambda_SL twice, 0.1 both times; the second is read as that of t
 class FitMethod(enum.Enum):
     """How steps are found.
 
-    Gauss-Newton compares outlines only and needs a tenth of the drapes; Adam follows the gradient
-    of all loss terms, colours and normals among them.
+    Gauss-Newton compares outlines, normals, scans and landmarks, and linearizes the drape in all
+    unknowns; Adam follows the gradient of all loss terms, colours among them.
     """
 
     GAUSS_NEWTON = "gauss-newton"

@@ -19,6 +19,7 @@ def _measured(shape: str):
     return body, measure(body.vertices, body.faces, half_width=half_width)
 
 
+@pytest.mark.slow
 def test_a_body_has_the_measures_that_it_is_asked_for():
     wanted = {"height": 1.72, "bust": 0.998, "waist": 0.843, "hips": 1.035}
     body, tape = _measured(",".join(f"{name}={value}" for name, value in wanted.items()))

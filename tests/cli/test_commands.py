@@ -226,6 +226,7 @@ def test_a_strain_limit_and_friction(inputs, run, tmp_path):
     assert not (tmp_path / "refused").exists()
 
 
+@pytest.mark.slow
 def test_friction_acts_where_it_is_asked_for(inputs, run, draped, tmp_path):
     result = run(
         *("drape", inputs / "skirt.json", "--body", inputs / "body.obj"),

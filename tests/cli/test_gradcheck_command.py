@@ -13,6 +13,7 @@ from dress_jax.solver import NewtonOptions
 MOVED = ("rest_positions", "density", "bending_stiffness", "gravity", "body_vertices")
 
 
+@pytest.mark.slow
 def test_the_derivatives_of_a_skirt_agree(draped, run):
     folder, _ = draped
     result = run("gradcheck", folder)

@@ -69,6 +69,7 @@ def test_a_landmark_in_a_picture_is_its_projection(problem, state, perspective):
     np.testing.assert_allclose(off, [[-pixel, 0.0]], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_landmarks_alone_recover_a_length(fresh, truth):
     """The hem's place says how long a tube is, with no picture at all."""
     problem, start = fresh(method=FitMethod.GAUSS_NEWTON, iterations=12, weights={})

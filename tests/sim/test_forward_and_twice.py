@@ -131,6 +131,7 @@ def test_many_right_hand_sides_share_one_factorization(drape, monkeypatch):
     assert end.shape == start.shape
 
 
+@pytest.mark.slow
 def test_a_chain_keeps_no_factorizations():
     """Of a chain of steps only the states are kept; the rest is made anew on the way back."""
     simulator, parameters, state, weights = swinging_sheet(friction=True)

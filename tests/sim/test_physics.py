@@ -130,6 +130,7 @@ def _tip(columns: int, length: float, fabric: Fabric) -> float:
     return 0.5 - float(np.asarray(result.positions)[end, 1].mean())
 
 
+@pytest.mark.slow
 def test_a_cantilever_bends_as_a_beam_and_converges():
     """The tip sinks by rho g L^4 / (8 B (1 - nu^2)) for small deflections (S1.8).
 

@@ -30,7 +30,8 @@ def constrained_step(model: Model, constraints: Constraints) -> Float[np.ndarray
 
     Bounds that a step would break become active, one after the other; those that hold it back for
     nothing become free again. Constraints that contradict each other are met in the least squares
-    sense.
+    sense, and where the active set does not settle, its last choice is returned: callers check what
+    they get.
 
     Args:
         model: with a positive definite matrix.
