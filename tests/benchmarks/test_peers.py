@@ -79,6 +79,7 @@ def test_energy_gradient_and_hessian_are_those_of_dress_jax(pressed, name):
         assert error < (ROUNDING if exact else MOLLIFIER)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PEERS)
 def test_elasticity_agrees_at_large_strains(name):
     scene = dataclasses.replace(scenes.drop(100, steps=1), barrier=0.0)

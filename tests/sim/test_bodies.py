@@ -67,6 +67,7 @@ def _assert_draped(faces, result, simulator, body, body_faces) -> None:
     assert _oracle_is_clean(x, faces, body, body_faces)
 
 
+@pytest.mark.slow
 def test_cloth_over_two_overlapping_spheres():
     vertices, triangles = ball(0.06)
     body = np.concatenate([vertices - RIGHT, vertices + RIGHT])
@@ -138,7 +139,7 @@ def _plate():
     return np.array([[-0.3, 0.0, -0.2], [0.3, 0.0, -0.2], [0.0, 0.0, 0.4]]), np.array([[0, 1, 2]])
 
 
-@pytest.mark.parametrize("parts", [_half_ball, _plate])
+@pytest.mark.parametrize("parts", [_half_ball, pytest.param(_plate, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("gap", [2e-4, -0.01])
 def test_pinched_cloth_ends_in_a_report(parts, gap):
     """Parts that close to less than the thickness on each side, or through each other."""

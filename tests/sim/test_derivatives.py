@@ -148,6 +148,7 @@ def test_steps_carry_derivatives_through_time(which, output):
     assert abs(exact - measured) <= ADJOINT_TOLERANCE * abs(measured)
 
 
+@pytest.mark.slow
 def test_parameters_through_a_chain_of_steps():
     """S2.12 with friction: friction coefficient and density of a dynamic chain."""
     simulator, parameters, initial, weights = swinging_sheet(friction=True)

@@ -36,7 +36,7 @@ def _run(name: str, *, fine: int, runs: int) -> None:
 
 
 # Those that take longest, most of it to compile, are left to the slow tests.
-LONG = ("ten_layers", "arm_to_torso", "slivers", "through_a_ring", "between_plates")
+LONG = ("ten_layers", "arm_to_torso", "slivers", "through_a_ring", "between_plates", "many_sizes")
 
 
 @pytest.mark.parametrize(

@@ -82,6 +82,7 @@ def _slip(scene, posed) -> float:
     return float(np.mean(garment.positions[loop, 1] - posed.positions[loop, 1]))
 
 
+@pytest.mark.slow
 def test_the_shrunk_waist_holds_and_slips_without(scene, monkeypatch):
     """S8.8, S8.9: friction holds the shrunk waist; the true rest shape lets it slide down."""
     held = _after(scene, WaistHold.SHRINK)
