@@ -11,6 +11,7 @@ from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
 from dress_jax.io.checkpoints import load_checkpoint, save_checkpoint
 from dress_jax.optimisation import (
+    FitInfo,
     FitMethod,
     FitOptions,
     GaussNewtonOptions,
@@ -23,7 +24,7 @@ from dress_jax.optimisation import (
     step,
 )
 from dress_jax.optimisation.draping import fitted_parameters
-from dress_jax.optimisation.gauss_newton import trial
+from dress_jax.optimisation.gauss_newton import method, trial
 from dress_jax.optimisation.gauss_newton.model import make_model, make_reference, measure
 from dress_jax.optimisation.gauss_newton.normal_equations import damped_step, huber
 from dress_jax.optimisation.gauss_newton.prior import edge_strain_matrix
@@ -180,6 +181,38 @@ def test_excursions_end_at_the_best(problem, state):
     second, info = step(wandering, replace(first, current=worse))
     assert info.outcome is StepOutcome.WORSE
     assert leaves_equal(second.current, state.best)
+
+
+def test_a_fit_rests_when_its_best_hardly_falls(problem, state, monkeypatch):
+    """Many new bests by chance, each hardly better than the last, are no progress."""
+    options = dataclasses.replace(
+        GaussNewtonOptions(), idle_decrease=0.02, idle_steps=3, recenterings=0
+    )
+    resting = with_options(problem, gauss_newton=options, iterations=100)
+
+    def of_cost(cost):
+        return replace(state.best, cost=jnp.asarray(cost))
+
+    costs = iter([0.99, 0.985, 0.97, 1.2, 0.965, 0.964])
+
+    def tried(*_, iteration, **__):
+        cost = next(costs)
+        return trial.Trial(FitInfo(iteration, StepOutcome.ACCEPTED, cost=cost), of_cost(cost))
+
+    monkeypatch.setattr(method, "try_step", tried)
+    state = replace(
+        state,
+        best=of_cost(1.0),
+        current=of_cost(1.0),
+        reference=jnp.asarray(1.0),
+        idle=jnp.asarray(0),
+    )
+    idle = []
+    while not finished(resting, state):
+        state, _ = step(resting, state)
+        idle.append(int(state.idle))
+    assert idle == [1, 2, 0, 1, 2, 3]
+    assert float(state.best.cost) == 0.964
 
 
 def test_degenerate_rest_shapes_are_refused(problem, state):

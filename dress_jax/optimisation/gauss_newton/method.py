@@ -44,7 +44,8 @@ class GaussNewtonState:
         damping: of the next step, ().
         excursion: accepted steps since the best; `GaussNewtonOptions.longest_excursion` bars the
             way above it until there is a new best, ().
-        idle: new bests in a row that hardly lowered the cost, ().
+        idle: steps in a row that hardly lowered the best cost, ().
+        reference: the best cost before them, ().
         center: of the prior, (k,).
         recentered: how often it was moved, ().
         iteration: steps so far, accepted or not, ().
@@ -55,6 +56,7 @@ class GaussNewtonState:
     damping: Float[Array, ""]
     excursion: Int[Array, ""]
     idle: Int[Array, ""]
+    reference: Float[Array, ""]
     center: Float[Array, " k"]
     recentered: Int[Array, ""]
     iteration: Int[Array, ""]
@@ -96,6 +98,7 @@ def init(
         damping=jnp.asarray(problem.options.gauss_newton.damping),
         excursion=jnp.asarray(0),
         idle=jnp.asarray(0),
+        reference=begin.cost,
         center=center,
         recentered=jnp.asarray(0),
         iteration=jnp.asarray(0),
@@ -147,7 +150,7 @@ def step(
         raised = jnp.asarray(damping * options.raise_damping)
         barred = jnp.asarray(options.longest_excursion if excursion else 0)
         state = replace(state, current=state.best, damping=raised, excursion=barred)
-        return _recentered(problem, state), info
+        return _recentered(problem, _counted(problem, state)), info
 
     decrease = float(now.cost) - info.cost
     if decrease > _WELL_PREDICTED * promised:
@@ -155,11 +158,23 @@ def step(
     elif decrease < _BADLY_PREDICTED * promised:
         damping = damping / options.lower_damping
     state = replace(state, current=reached, damping=jnp.asarray(damping))
-    if not info.cost < best:
-        return replace(state, excursion=jnp.asarray(excursion + 1)), info
-    idle = int(state.idle) + 1 if best - info.cost < options.idle_decrease * best else 0
-    state = replace(state, best=reached, excursion=jnp.asarray(0), idle=jnp.asarray(idle))
-    return _recentered(problem, state), info
+    if info.cost < best:
+        state = replace(state, best=reached, excursion=jnp.asarray(0))
+    else:
+        state = replace(state, excursion=jnp.asarray(excursion + 1))
+    return _recentered(problem, _counted(problem, state)), info
+
+
+def _counted(problem: FitProblem, state: GaussNewtonState) -> GaussNewtonState:
+    """The state after a step, with its idle steps counted.
+
+    Where folds snap, new bests turn up by chance every few steps, each hardly better than the last;
+    what they add up to over several steps says whether the fit still gets anywhere.
+    """
+    lowered = 1.0 - problem.options.gauss_newton.idle_decrease
+    if float(state.best.cost) < lowered * float(state.reference):
+        return replace(state, idle=jnp.asarray(0), reference=state.best.cost)
+    return replace(state, idle=state.idle + 1)
 
 
 def _recentered(problem: FitProblem, state: GaussNewtonState) -> GaussNewtonState:
@@ -185,6 +200,7 @@ def _recentered(problem: FitProblem, state: GaussNewtonState) -> GaussNewtonStat
         damping=jnp.asarray(options.damping),
         excursion=jnp.asarray(0),
         idle=jnp.asarray(0),
+        reference=moved.cost,
         center=jnp.asarray(at),
         recentered=state.recentered + 1,
     )
@@ -225,6 +241,7 @@ def carry_over(
         damping=jnp.asarray(new.options.gauss_newton.damping),
         excursion=jnp.asarray(0),
         idle=jnp.asarray(0),
+        reference=reached.cost,
     )
     return moved, trial.info
 
@@ -256,6 +273,7 @@ def blank(problem: FitProblem) -> GaussNewtonState:
         damping=jnp.asarray(0.0),
         excursion=jnp.asarray(0),
         idle=jnp.asarray(0),
+        reference=jnp.asarray(0.0),
         center=jnp.zeros(count),
         recentered=jnp.asarray(0),
         iteration=jnp.asarray(0),

@@ -42,7 +42,7 @@ class GaussNewtonOptions:
         raise_damping, lower_damping: factors after a rejected, and after a well-predicted step.
         longest_excursion: so many steps in a row may stay above the best cost.
         excursion_height: and up to this multiple of it.
-        idle_decrease: a new best that lowers the cost by a smaller part of it is idle.
+        idle_decrease: steps that together lower the best cost by a smaller part of it are idle.
         idle_steps: a fit rests after this many idle steps in a row.
         recenterings: how often a fit at rest goes on with its prior moved to where it is. What the
             images leave open stays; what they say a little about is not drawn back any more.
@@ -76,8 +76,8 @@ class GaussNewtonOptions:
     lower_damping: float = 0.3
     longest_excursion: int = 4
     excursion_height: float = 2.0
-    idle_decrease: float = 0.01
-    idle_steps: int = 4
+    idle_decrease: float = 0.02
+    idle_steps: int = 6
     recenterings: int = 2
 
     def __post_init__(self) -> None:
