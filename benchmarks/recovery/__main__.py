@@ -8,9 +8,10 @@ A pattern of GarmentCode is draped with cotton on a body and photographed from 2
 begins with a pattern of other lengths and a fabric of other stiffness. Every fit runs in a process
 of its own and leaves its row, its pattern and its pictures in OUT, so an interrupted run goes on
 where it stopped. Held-out IoU counts ten views between those of the fit; Chamfer is the two-way
-mean distance of points to triangles; `in` is the share of true edge lengths within the intervals of
-the report. Variants leave out a part of the method, or are Adam with or without a term. DATA is a
-folder with `patterns/garmentcode` and `bodies/mean_all.obj`.
+mean distance of points to triangles; `true` is either of the true pattern and fabric on the mesh of
+the fit, draped as a fit drapes, which says how far a fit can come; `in` is the share of true edge
+lengths within the intervals of the report. Variants leave out a part of the method, or are Adam
+with or without a term. DATA is a folder with `patterns/garmentcode` and `bodies/mean_all.obj`.
 """
 
 import argparse

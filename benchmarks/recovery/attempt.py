@@ -12,13 +12,20 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
+import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 
 from benchmarks.recovery.cases import STARTS, STIFFNESS, VIEWS, Case, Start  # noqa: E402
 from benchmarks.recovery.truth import held_out, make_targets, make_truth, wearer  # noqa: E402
 from benchmarks.recovery.variants import VARIANTS  # noqa: E402
 from dress_jax.application.drape import DrapeOptions  # noqa: E402
-from dress_jax.application.fit import fit_pattern, fit_report, scheduled  # noqa: E402
+from dress_jax.application.fit import (  # noqa: E402
+    FitResult,
+    Fitted,
+    fit_pattern,
+    fit_report,
+    scheduled,
+)
 from dress_jax.application.fit_files import save_fit  # noqa: E402
 from dress_jax.application.fit_knowledge import NORMAL_95  # noqa: E402
 from dress_jax.application.targets import read_targets  # noqa: E402
@@ -26,6 +33,8 @@ from dress_jax.core.errors import InputError  # noqa: E402
 from dress_jax.core.pytree import replace  # noqa: E402
 from dress_jax.io.patterns import load_pattern  # noqa: E402
 from dress_jax.optimisation import Uncertainty, evaluate  # noqa: E402
+from dress_jax.optimisation.draping import settle  # noqa: E402
+from dress_jax.optimisation.gauss_newton.trial import guided  # noqa: E402
 from dress_jax.pattern import (  # noqa: E402
     Pattern,
     edge_lengths,
@@ -72,6 +81,8 @@ def recover(case: Case, data: Path, out: Path, options: argparse.Namespace) -> d
         evaluate(dataclasses.replace(problem, observation=unseen), state).iou
         for problem, state in ((result.first, result.begin), (result.problem, result.end))
     ]
+    truth_here = drape_of_truth(result, truth_pattern)
+    best = evaluate(dataclasses.replace(result.problem, observation=unseen), truth_here)
     history = result.course.history
     # Initial stiffnesses are factors on the truth's, so fitted ones should be 1.
     stretching, bending = np.exp(np.asarray(result.end.unknowns.log_stiffness)) - 1.0
@@ -80,6 +91,8 @@ def recover(case: Case, data: Path, out: Path, options: argparse.Namespace) -> d
         "iou": [result.before.iou, result.after.iou],
         "held_out": outside,
         "chamfer_cm": [result.before.chamfer, result.after.chamfer],
+        "true_held_out": best.iou,
+        "true_chamfer_cm": best.chamfer,
         "median_error": [result.before.median_length_error, result.after.median_length_error],
         "largest_error": [result.before.largest_length_error, result.after.largest_length_error],
         "bending_error": float(bending),
@@ -98,6 +111,21 @@ def recover(case: Case, data: Path, out: Path, options: argparse.Namespace) -> d
         "fit_seconds": sum(record["seconds"].get("total", 0.0) for record in history),
         "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
     }
+
+
+def drape_of_truth(result: FitResult, truth: Pattern) -> Fitted:
+    """The true pattern and fabric on the mesh of a fit, draped from the fit's folds as a fit does.
+
+    It says how far a fit can be asked to come: folds are as fine as the mesh, and another mesh of
+    the same pattern lays them otherwise.
+    """
+    unknowns = replace(
+        result.end.unknowns,
+        pattern=pattern_parameters(truth),
+        log_stiffness=jnp.zeros_like(result.end.unknowns.log_stiffness),
+    )
+    begin = np.asarray(guided(result.problem, unknowns, result.end.positions).positions)
+    return Fitted(unknowns, settle(result.problem, unknowns, begin))
 
 
 def wrong(truth: Pattern, start: Start) -> Pattern:

@@ -34,7 +34,8 @@ def line(row: dict) -> str:
     median, largest = (100.0 * np.array(row[k]) for k in ("median_error", "largest_error"))
     return (
         f"{row['name']:42} {row['vertices']:5d} {row['iou'][0]:6.3f} {row['iou'][1]:6.4f} "
-        f"{held[0]:6.3f} {held[1]:6.4f} {chamfer[0]:6.2f} {chamfer[1]:6.3f} "
+        f"{held[0]:6.3f} {held[1]:6.4f} {row['true_held_out']:6.4f} "
+        f"{chamfer[0]:6.2f} {chamfer[1]:6.3f} {row['true_chamfer_cm']:6.3f} "
         f"{median[0]:6.1f} {median[1]:6.2f} {largest[0]:6.1f} {largest[1]:6.1f} "
         f"{100.0 * row['bending_error']:7.0f} {100.0 * row['stretching_error']:7.0f} {known:>5} "
         f"{row['iterations']:4d} {row['rejected']:4d} {row['remeshed']:3d} "
@@ -43,7 +44,7 @@ def line(row: dict) -> str:
 
 
 HEAD = (
-    f"{'case':42} {'verts':>5} {'IoU':>13} {'held-out IoU':>13} {'Chamfer [cm]':>13} "
+    f"{'case':42} {'verts':>5} {'IoU':>13} {'held-out IoU, true':>20} {'Chamfer [cm], true':>20} "
     f"{'median edge %':>13} {'largest edge %':>13} {'bend %':>7} {'stret %':>7} {'in':>5} "
     f"{'it':>4} {'rej':>4} {'rm':>3} {'x':>3} {'s':>6} {'MB':>6}"
 )
