@@ -82,7 +82,11 @@ def recover(case: Case, data: Path, out: Path, options: argparse.Namespace) -> d
         for problem, state in ((result.first, result.begin), (result.problem, result.end))
     ]
     truth_here = drape_of_truth(result, truth_pattern)
-    best = evaluate(dataclasses.replace(result.problem, observation=unseen), truth_here)
+    best = evaluate(
+        dataclasses.replace(result.problem, observation=unseen),
+        truth_here,
+        true_mesh=(truth.garment.vertices, truth.garment.faces),
+    )
     history = result.course.history
     # Initial stiffnesses are factors on the truth's, so fitted ones should be 1.
     stretching, bending = np.exp(np.asarray(result.end.unknowns.log_stiffness)) - 1.0
