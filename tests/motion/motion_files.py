@@ -48,8 +48,8 @@ def write_aist(path: Path, **other) -> Path:
 # A small skeleton, arms down at rest, in centimetres, +y up.
 _TREE = """
 Hips 0 90 0 | Spine 0 10 0 | Neck 0 40 0 | Head 0 15 0 ; _ 0 15 0
-Neck > LeftShoulder 5 -5 0 | LeftArm 12 0 0 | LeftForeArm 0 -26 0 | LeftHand 0 -24 0 ; _ 0 -9 0
-Neck > RightShoulder -5 -5 0 | RightArm -12 0 0 | RightForeArm 0 -26 0 | RightHand 0 -24 0 ; _ 0 -9 0
+Neck > LeftShoulder 5 -5 0 | LeftArm 9 0 0 | LeftForeArm 0 -26 0 | LeftHand 0 -24 0 ; _ 0 -9 0
+Neck > RightShoulder -5 -5 0 | RightArm -9 0 0 | RightForeArm 0 -26 0 | RightHand 0 -24 0 ; _ 0 -9 0
 Hips > LeftUpLeg 10 -4 0 | LeftLeg 0 -40 0 | LeftFoot 0 -40 0 | LeftToeBase 0 -6 14 ; _ 0 0 5
 Hips > RightUpLeg -10 -4 0 | RightLeg 0 -40 0 | RightFoot 0 -40 0 | RightToeBase 0 -6 14 ; _ 0 0 5
 """
