@@ -116,11 +116,12 @@ class Carrier:
         turn, shift = _rigid(before, after)
         whole = cloth @ turn.T + shift - cloth
         held = (distance < _NEAR)[:, None]
-        free = np.where(held, on_body, whole)
+        # Spread what differs from the rigid motion, which so stays what it is far out and at edges.
+        known = np.where(held, on_body - whole, 0.0)
+        differs = known
         for _ in range(_SWEEPS):
-            spread = (self._mean @ free + self._pull * whole) / (1.0 + self._pull)
-            free = np.where(held, on_body, spread)
-        return free
+            differs = np.where(held, known, (self._mean @ differs) / (1.0 + self._pull))
+        return whole + differs
 
     def _below(self, cloth: np.ndarray, body: np.ndarray):
         """Corners and weights of the body's point below each vertex, and the distance to it.
