@@ -1,7 +1,7 @@
 """The command `animate`. Heavy imports wait until it runs."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -77,11 +77,11 @@ def animate(
     prepare_folder(out)
     with stopwatch() as seconds, stages() as progress:
         made = run(state, motion, out, options=options, resume=resume, progress=progress)
-    report = made.report | {"seconds": {"compile": seconds.compile, "run": seconds.run}}
+    report = {**made.report, "seconds": {"compile": seconds.compile, "run": seconds.run}}
     with stages() as progress:
         files = save_animation(out, made, report, size=preview_size, progress=progress)
     crossings, halved = report["intersections"], report["halved_steps"]
-    rows = {
+    rows: dict[str, Any] = {
         "frames": f"{report['frames']} at {report['fps']:g} per second",
         "vertices": report["vertices"],
         "intersections": f"{crossings['self']} self, {crossings['body']} body",

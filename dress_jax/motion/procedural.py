@@ -129,6 +129,7 @@ def _sway(times: Float[np.ndarray, " t"]) -> Float[np.ndarray, "t 55 3"]:
 # Pieces of poses
 
 _Turns = dict[str, Rotation]
+_Angle = float | np.ndarray
 
 
 def _standing(frames: int) -> _Turns:
@@ -139,7 +140,7 @@ def _as_pose(turns: _Turns) -> Float[np.ndarray, "t 55 3"]:
     return np.stack([turns[name].as_rotvec() for name in JOINTS], axis=1)
 
 
-def _about(turns: _Turns, name: str, *, x=0.0, y=0.0, z=0.0) -> None:
+def _about(turns: _Turns, name: str, *, x: _Angle = 0.0, y: _Angle = 0.0, z: _Angle = 0.0) -> None:
     """Turn a joint about y, then x, then z, after what it has already [rad per frame]."""
     count = len(turns[name])
     angles = np.stack([np.broadcast_to(angle, count) for angle in (y, x, z)], axis=1)

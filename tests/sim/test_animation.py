@@ -121,10 +121,10 @@ def test_a_ball_that_spins_under_the_cloth_turns_it(rough):
         after = turn.apply(rough.body)
         state, _ = rough.frame(state, body, after)
         body = after
+    # About +y, which takes +z to +x.
     start, end = np.asarray(rough.state.positions), np.asarray(state.positions)
-    angle = np.arctan2(
-        *(np.cross(start[:, [2, 0]], end[:, [2, 0]]).sum(), (start * end)[:, [0, 2]].sum())
-    )
+    sine = np.sum(start[:, 2] * end[:, 0] - start[:, 0] * end[:, 2])
+    angle = np.arctan2(sine, np.sum(start[:, [0, 2]] * end[:, [0, 2]]))
     assert angle == pytest.approx(0.08, rel=0.25)
 
 
@@ -160,8 +160,8 @@ def test_a_body_that_comes_through_pushes_the_cloth_ahead(rough):
     assert record.squeezed >= 1
     assert scene.crossings(state, after) == ZERO
     assert np.asarray(state.positions)[:, 1].max() > 0.15
-    assert len(seen) > 20
-    for x, body in seen[:: len(seen) // 20]:
+    assert len(seen) > 10
+    for x, body in seen:
         assert count_intersections(x, scene.faces, body, scene.body_faces) == ZERO
 
 
