@@ -94,7 +94,8 @@ def retarget(source: SourceMotion, joints: Float[np.ndarray, "55 3"]) -> Motion:
     for name, end in LIMBS.items():
         if name in source.rest:
             own = joints[joint_index(end)] - joints[joint_index(name)]
-            turned[joint_index(name)] = rotation_between(own, source.rest[name])
+            if own.any():  # a body may lack a limb; its joints are then at one place
+                turned[joint_index(name)] = rotation_between(own, source.rest[name])
     for joint, name in enumerate(JOINTS):
         if any(part in name for part in _FOLLOWS):
             turned[joint] = turned[PARENTS[joint]]
