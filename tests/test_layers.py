@@ -14,7 +14,10 @@ DESIGN = PACKAGE.parent / "docs" / "design.md"
 # What each package may import besides itself. Dictionary order is the layer order: a package may
 # only name packages above it.
 _BELOW_SIM = {"core", "geometry", "pattern", "body", "render", "energy", "contact", "solver"}
-_BELOW_IO = {"capture", "vision", "sim", "loss", "optimisation", "reconstruction", "texture"}
+_BELOW_IO = {
+    *("capture", "vision", "sim", "loss", "optimisation"),
+    *("reconstruction", "texture", "motion"),
+}
 ALLOWED: dict[str, set[str]] = {
     "core": set(),
     "geometry": {"core"},
@@ -31,6 +34,7 @@ ALLOWED: dict[str, set[str]] = {
     "optimisation": _BELOW_SIM | {"sim", "loss"},
     "reconstruction": {"core", "geometry", "body", "render", "loss"},
     "texture": {"core", "geometry", "pattern", "render"},
+    "motion": {"core", "geometry", "body"},
     "io": _BELOW_SIM | _BELOW_IO,
     "application": _BELOW_SIM | _BELOW_IO | {"io"},
     "cli": _BELOW_SIM | _BELOW_IO | {"io", "application"},

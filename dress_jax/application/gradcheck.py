@@ -84,12 +84,15 @@ class GradientReport:
         )
 
 
-def simulation_of(state: DrapedState, newton: NewtonOptions) -> tuple[Simulator, Parameters]:
+def simulation_of(
+    state: DrapedState, newton: NewtonOptions, *, friction: bool | None = None
+) -> tuple[Simulator, Parameters]:
     """A simulator and parameters for what a result folder holds.
 
     Args:
         state: from `io.results.read_result`.
         newton: stopping rule.
+        friction: whether friction acts; None for what the drape was made with.
 
     Raises:
         InputError: the fabric that it names is unknown.
@@ -99,7 +102,7 @@ def simulation_of(state: DrapedState, newton: NewtonOptions) -> tuple[Simulator,
         fabric=str(settings.get("fabric", FABRIC)),
         panel_fabrics=tuple(map(tuple, settings.get("panel_fabrics", ()))),
         strain_limit=settings.get("strain_limit"),
-        friction=bool(settings.get("friction", False)),
+        friction=bool(settings.get("friction", False)) if friction is None else friction,
     )
     cloth = make_cloth(
         garment.faces,

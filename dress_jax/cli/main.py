@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from dress_jax import __version__
+from dress_jax.cli.animating import animate
 from dress_jax.cli.body import fit_body
 from dress_jax.cli.bundling import bundle
 from dress_jax.cli.checking import check, gradcheck
@@ -15,8 +16,8 @@ from dress_jax.cli.texturing import texture
 
 app = typer.Typer(
     name="dress-jax",
-    help="Sewing patterns on bodies: drape, render, fit to images, texture, and check, free of "
-    "intersections. Exit codes: 0 done, 2 bad input, 3 not converged or not free of "
+    help="Sewing patterns on bodies: drape, render, fit to images, texture, animate, and check, "
+    "free of intersections. Exit codes: 0 done, 2 bad input, 3 not converged or not free of "
     "intersections (results are written all the same).",
     no_args_is_help=True,
     add_completion=False,
@@ -50,7 +51,7 @@ def options(
     context.obj = {"cache": cache_dir}
 
 
-for _command in (drape, render, bundle, fit, fit_body, texture, check, gradcheck, demo):
+for _command in (drape, render, bundle, fit, fit_body, texture, animate, check, gradcheck, demo):
     app.command()(_command)
 
 

@@ -6,26 +6,21 @@ atlas has a sampler that stops at its border.
 """
 
 import io
-import json
-import struct
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from PIL import Image
 
 from dress_jax.io.atomic import atomic_open
+from dress_jax.io.gltf import GltfDocument
 from dress_jax.io.images import write_rgb
 from dress_jax.io.meshes import BODY_COLOUR, GarmentMesh, vertex_normals
 from dress_jax.texture.textured import Texture
 
 # Of the glTF 2.0 specification.
 _REPEAT, _CLAMP, _LINEAR, _TRILINEAR = 10497, 33071, 9729, 9987
-_FLOAT, _UNSIGNED_INT = 5126, 5125
-_VERTICES, _INDICES = 34962, 34963
-_MAGIC, _JSON_CHUNK, _BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 
 
 def write_textured_obj(
@@ -95,7 +90,7 @@ def write_textured_glb(
         InputError: the place cannot be written to.
     """
     _check(garment, texture)
-    document = _Document()
+    document = GltfDocument()
     wrap = _REPEAT if texture.repeat else _CLAMP
     sampler = document.add(
         "samplers",
@@ -152,80 +147,6 @@ def write_textured_glb(
     content = document.packed()
     with atomic_open(path, binary=True) as file:
         file.write(content)
-
-
-class _Document:
-    """A glTF document while it is put together; everything lies in one buffer."""
-
-    def __init__(self) -> None:
-        self.lists: dict[str, list[dict[str, Any]]] = {}
-        self.buffer = bytearray()
-
-    def add(self, kind: str, entry: dict[str, Any]) -> int:
-        """Append to a list; returns the index."""
-        entries = self.lists.setdefault(kind, [])
-        entries.append(entry)
-        return len(entries) - 1
-
-    def add_view(self, content: bytes, target: int | None = None) -> int:
-        """Append bytes to the buffer, aligned to four."""
-        self.buffer += b"\0" * (-len(self.buffer) % 4)
-        view = {"buffer": 0, "byteOffset": len(self.buffer), "byteLength": len(content)}
-        self.buffer += content
-        return self.add("bufferViews", view if target is None else {**view, "target": target})
-
-    def add_mesh(
-        self, name: str, faces: np.ndarray, arrays: dict[str, np.ndarray], material: dict[str, Any]
-    ) -> int:
-        """Append triangles with vertex attributes and their material."""
-        attributes = {}
-        for key, rows in arrays.items():
-            rows = np.ascontiguousarray(rows, dtype="<f4")
-            entry = {
-                "bufferView": self.add_view(rows.tobytes(), _VERTICES),
-                "componentType": _FLOAT,
-                "count": len(rows),
-                "type": f"VEC{rows.shape[1]}",
-            }
-            if key == "POSITION":  # where bounds are required
-                entry |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
-            attributes[key] = self.add("accessors", entry)
-        indices = np.ascontiguousarray(faces, dtype="<u4").ravel()
-        accessor = self.add(
-            "accessors",
-            {
-                "bufferView": self.add_view(indices.tobytes(), _INDICES),
-                "componentType": _UNSIGNED_INT,
-                "count": len(indices),
-                "type": "SCALAR",
-                "min": [int(indices.min())],
-                "max": [int(indices.max())],
-            },
-        )
-        number = self.add("materials", material)
-        primitive = {"attributes": attributes, "indices": accessor, "material": number}
-        return self.add("meshes", {"name": name, "primitives": [primitive]})
-
-    def packed(self) -> bytes:
-        """The binary container."""
-        document = {
-            "asset": {"version": "2.0", "generator": "dress_jax"},
-            "scene": 0,
-            **self.lists,
-            "buffers": [{"byteLength": len(self.buffer)}],
-        }
-        text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
-        text += b" " * (-len(text) % 4)
-        binary = bytes(self.buffer) + b"\0" * (-len(self.buffer) % 4)
-        return b"".join(
-            [
-                struct.pack("<III", _MAGIC, 2, 12 + 8 + len(text) + 8 + len(binary)),
-                struct.pack("<II", len(text), _JSON_CHUNK),
-                text,
-                struct.pack("<II", len(binary), _BINARY_CHUNK),
-                binary,
-            ]
-        )
 
 
 def _png(image: Float[np.ndarray, "h w 3"]) -> bytes:

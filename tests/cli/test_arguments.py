@@ -95,7 +95,7 @@ def test_usage_errors_have_the_code_of_bad_input(run, arguments):
 
 
 def test_every_command_has_help(run):
-    names = ("drape", "render", "bundle", "fit", "fit-body", "texture", "demo", "check")
+    names = ("drape", "render", "bundle", "fit", "fit-body", "texture", "animate", "demo", "check")
     overview = run("--help")
     assert overview.exit_code == 0
     for name in names:

@@ -1,0 +1,1 @@
+"""Files of motions: AMASS, AIST++ and BVH."""

@@ -1,0 +1,1 @@
+"""How a person moves: motions as data, made or retargeted, and the bodies of their frames (S15)."""
