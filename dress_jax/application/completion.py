@@ -1,4 +1,4 @@
-"""What a bundle lacks for a reconstruction, found in its pictures by the embedded tools (S6.1-S6.3).
+"""What a bundle lacks for a reconstruction, found in its pictures by embedded tools (S6.1-S6.3).
 
 A photograph becomes a view with an assumed camera. Views get fewer pixels, a matte, landmarks, and
 masks of the clothes, each only where it is missing; what was there stays.

@@ -233,9 +233,7 @@ def _require_sound(draped: DrapeResult) -> None:
         )
 
 
-def _settle(
-    problem: FitProblem, state: DrapedUnknowns
-) -> tuple[Fitted, Report, dict[str, Any]]:
+def _settle(problem: FitProblem, state: DrapedUnknowns) -> tuple[Fitted, Report, dict[str, Any]]:
     """Drape the fitted pattern once more, to the full tolerance, for the record, and certify it."""
     rest = rest_shape(problem, state.unknowns.pattern)
     unknowns = state.unknowns

@@ -1,7 +1,7 @@
-"""The body of a bundle: fitted to its views, taken as a tool estimated it, or as options name it (S7).
+"""The body of a bundle: fitted to its views, or as a tool or options give it (S7).
 
-Whatever it is, a stage folder keeps it: `body.obj`, `wearer.json` with what the wearer is made from,
-and how the bundle's world has to be shifted to be the wearer's, in which it is dressed with its feet
+Whatever it is, a folder keeps it: `body.obj`, and `wearer.json` with what the wearer is made from,
+and how the bundle's world has to be shifted to be the wearer's, where it is dressed with its feet
 at y = 0.
 """
 
@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from dress_jax.application.body_views import body_views
 from dress_jax.application.progress import Progress, silent
 from dress_jax.application.reconstruct_body import (
     BodyResult,
@@ -30,7 +31,7 @@ from dress_jax.application.wearer import (
     static_wearer,
 )
 from dress_jax.body.model import BodyModel
-from dress_jax.capture.body import BodyFamily, world_pose
+from dress_jax.capture.body import BodyEstimate, BodyFamily, world_pose
 from dress_jax.capture.bundle import Bundle
 from dress_jax.core.errors import InputError
 from dress_jax.core.pytree import replace
@@ -42,15 +43,17 @@ from dress_jax.io.report import write_report
 from dress_jax.pattern.templates import Measurements
 from dress_jax.reconstruction import (
     BodyParameters,
-    BodyViews,
     Free,
     ReconstructionOptions,
-    make_body_views,
 )
+from dress_jax.reconstruction.options import Weights
 from dress_jax.reconstruction.parameters import make_parameters, rest_pelvis
-from dress_jax.render.cameras import stack_cameras
 
 WEARER, BODY = "wearer.json", "body.npz"
+# A detector errs in the same way in all views, by about a hundredth of the picture's height, so
+# that its landmarks are worth 65 observations, however many views there are: 100 * 0.01^2 / 65. The
+# weights of an estimate keep shapes as human (docs/pipeline.md: what smaller ones did).
+_WEIGHTS = Weights(prior=1.5e-4, pose=1.5e-2, shape=2e-3)
 _FITTED, _GIVEN, _MESH = "fitted", "given", "mesh"
 
 
@@ -88,7 +91,7 @@ def why_no_fit(bundle: Bundle, options: BodyOptions) -> str:
     if options.keep_estimate:
         return "The bundle's estimate of the body is taken as it is."
     if bundle.body_mesh is not None and options.body == DEFAULT_BODY:
-        return "The bundle holds the body as a mesh, which is taken as it is and dressed in its pose."
+        return "The bundle holds the body as a mesh, which is dressed in its own pose."
     return ""
 
 
@@ -124,7 +127,7 @@ def find_body(
     mesh = bundle.body_mesh
     if options.keep_estimate:
         model = _model(options.body)
-        found = _estimate(bundle, model, exactly=True)
+        found = _estimate(bundle, model)
         return _keep_rigged(folder, model, options, found)
     if mesh is not None and options.body == DEFAULT_BODY:
         offset = np.array([0.0, -float(mesh.vertices[:, 1].min()), 0.0])
@@ -205,66 +208,31 @@ def moved_bundle(bundle: Bundle, offset: Float[np.ndarray, "3"]) -> Bundle:
     return dataclasses.replace(bundle, views=views, scan=scan)
 
 
-def body_views(bundle: Bundle) -> BodyViews:
-    """The views of a bundle as a body fit looks at them (S7.4-S7.9).
-
-    Landmarks, mattes and colours, these before white; clothes, hair and accessories hide the body.
-    Pictures take part where every view has them.
-
-    Raises:
-        InputError: no view has landmarks.
-    """
-    views = [view for view in bundle.views if view.landmarks is not None]
-    if not views:
-        raise InputError(
-            "no view has landmarks, so there is nothing to fit a body to",
-            where="views",
-            mend="give views with colours, or the body by options (--body, --body-pose)",
-        )
-    marks = [view.landmarks for view in views if view.landmarks is not None]
-    mattes = [view.matte for view in views if view.matte is not None]
-    colors = [view.rgb for view in views if view.rgb is not None]
-    mask = color = occluded = None
-    if len(mattes) == len(views):
-        mask = np.stack(mattes).astype(np.float32) / 255.0
-        hidden = []
-        for view in views:
-            covers = [p for p in (view.mask, view.hidden) if p is not None]
-            empty = np.zeros(mask.shape[1:], np.uint8)
-            hidden.append(np.maximum.reduce([empty, *covers]).astype(np.float32) / 255.0)
-        occluded = np.stack(hidden)
-        if len(colors) == len(views):
-            seen = np.stack(colors).astype(np.float32) / 255.0
-            color = seen * mask[..., None] + (1.0 - mask[..., None])
-    return make_body_views(
-        stack_cameras([view.camera for view in views]),
-        np.stack([m.points for m in marks]),
-        # Some networks' scores reach beyond 1.
-        np.minimum(np.stack([m.confidence for m in marks]), 1.0),
-        mask=mask,
-        color=color,
-        occluded=occluded,
-    )
-
-
 def _fit(
     folder: Path, bundle: Bundle, options: BodyOptions, single_view: bool, progress: Progress
 ) -> tuple[bool, tuple[str, ...]]:
-    model, notes = _model(options.body), []
-    estimate = None if bundle.body is None else _estimate(bundle, model, exactly=False)
-    if estimate is not None:
-        notes.append("The fit begins with the bundle's estimate of pose, and stays near it.")
+    model, notes, estimate = _model(options.body), [], None
+    if bundle.body is not None and _matches(bundle.body, model):
+        estimate = _estimate(bundle, model)
+        notes.append("The fit begins with the bundle's estimate of the body, and stays near it.")
+    elif bundle.body is not None:
+        notes.append(
+            f"The bundle's estimate is for {bundle.body.family.value}, the body is another one: it "
+            "is fitted without the estimate."
+        )
     if single_view:
-        # A farther, larger person looks the same.
-        free = {"free": Free(scale=False), "coarse": Free(False, pose=False, shape=False)}
         notes.append("Depth and size are not told apart by one view: the size is assumed.")
-    else:
-        free = {}
+    scale = not single_view  # a farther, larger person looks the same
     result = reconstruct_body(
         body_views(bundle),
         body=options.body,
         estimate=estimate,
-        options=ReconstructionOptions(fine_iterations=options.iterations, **free),
+        options=ReconstructionOptions(
+            fine_iterations=options.iterations,
+            weights=_WEIGHTS,
+            free=Free(scale=scale),
+            coarse=Free(scale=scale, pose=False, hands=False, shape=False),
+        ),
         progress=progress,
     )
     parameters = result.found.parameters
@@ -297,27 +265,30 @@ def _model(body: str) -> BodyModel:
     return load_default_body() if body == DEFAULT_BODY else load_body_model(body)
 
 
-def _estimate(bundle: Bundle, model: BodyModel, *, exactly: bool) -> BodyParameters:
-    """The bundle's estimate on a model; another model's coefficients of shape mean nothing on it."""
+def _matches(estimate: BodyEstimate, model: BodyModel) -> bool:
+    """Whether shape coefficients mean the same; the embedded body has shapes with names."""
+    return estimate.family is BodyFamily.SMPLX and not model.shape_names
+
+
+def _estimate(bundle: Bundle, model: BodyModel) -> BodyParameters:
+    """The bundle's estimate on the model that it is for."""
     estimate = bundle.body
     if estimate is None:
         raise InputError(
             "there is no estimate of the body to keep", where="bundle", mend="leave --keep-body out"
         )
-    matches = estimate.family is BodyFamily.SMPLX and not model.shape_names
-    if exactly and not matches:
+    if not _matches(estimate, model):
         raise InputError(
             f"is for {estimate.family.value}, and the body is another one",
             where="estimate of the body",
             mend="give the SMPL-X file with --body, or let the body be fitted",
         )
-    shape = estimate.betas if matches else np.zeros(0)
-    pelvis = rest_pelvis(model, shape)
+    pelvis = rest_pelvis(model, estimate.betas)
     pose, translation = world_pose(estimate, pelvis)
     return make_parameters(
         model,
         pose=pose,
-        shape=shape,
+        shape=estimate.betas,
         scale=estimate.scale,
         translation=estimate.scale * (pelvis + translation),
     )
@@ -326,7 +297,7 @@ def _estimate(bundle: Bundle, model: BodyModel, *, exactly: bool) -> BodyParamet
 def _keep_rigged(
     folder: Path, model: BodyModel, options: BodyOptions, found: BodyParameters
 ) -> tuple[bool, tuple[str, ...]]:
-    pose, shape = (np.asarray(a, np.float64) for a in (found.pose, found.shape))
+    pose, shape = (np.array(a, np.float64) for a in (found.pose, found.shape))
     scale = found.scale
     wearer = fitted_wearer(model, pose, shape, scale=scale)
     offset = pelvis_of(model, shape, scale=scale) - np.asarray(found.translation, np.float64)

@@ -230,7 +230,8 @@ def _stages(stages: Sequence[StageOutcome]) -> str:
     rows = []
     for stage in stages:
         notes = [n for n in (stage.result.skipped, *stage.result.notes) if n]
-        sound = '<span class="yes">yes</span>' if stage.result.good else '<span class="no">no</span>'
+        word = "yes" if stage.result.good else "no"
+        sound = f'<span class="{word}">{word}</span>'
         rows.append(
             f"<tr><td>{text(stage.name)}</td><td>{sound}</td>"
             f'<td class="number">{stage.seconds:.0f} s</td><td>{text(" ".join(notes))}</td></tr>'

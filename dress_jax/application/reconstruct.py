@@ -1,9 +1,9 @@
-"""The whole way from an input to a fitted, textured garment, stage by stage (S6, S7, S4, S8, S9, S14).
+"""The whole way from pictures to a fitted, textured garment, stage by stage (S4, S6 to S9, S14).
 
     bundle -> body -> pattern -> drape -> fit -> texture -> report
 
-Every stage is an ordinary workflow of this package in a folder of its own (`application.stages`), so
-that each can be looked at, edited, and begun from again.
+Every stage is an ordinary workflow of this package in a folder of its own (`application.stages`),
+so that each can be looked at, edited, and begun from again.
 """
 
 import dataclasses

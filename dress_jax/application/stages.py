@@ -3,10 +3,10 @@
     DIR/NAME              a complete stage; `stage.json` says what it was made from and how it ended
     DIR/NAME.unfinished   a stage on its way, or one that failed: what it had written so far
 
-A stage writes into its unfinished folder, which takes the place of the complete one at the end. What
-it depends on is kept as digests by name: its own options and files, the version of this package, and
-the files of the earlier stages that it reads, as they are on disk. So a result that was edited by
-hand is used, and what came after it is made again.
+A stage writes into its unfinished folder, which takes the place of the complete one at the end.
+What it depends on is kept as digests by name: its own options and files, the version of this
+package, and the files of the earlier stages that it reads, as they are on disk. So a result that
+was edited by hand is used, and what came after it is made again.
 """
 
 import dataclasses

@@ -1,8 +1,8 @@
-"""Where a fit begins: the pattern of the input, or a template chosen by what the labels cover (S4, S6).
+"""Where a fit begins: the pattern of the input, or a template chosen by the labels (S4, S6).
 
-How far clothes reach is read off the body beneath them: it is drawn in the front view in the colours
-of its own coordinates in the dressing pose, so that a hem has a height on the leg and a sleeve a
-length along the arm, whatever the pose of the picture.
+How far clothes reach is read off the body beneath them: it is drawn in the front view in the
+colours of its own coordinates in the dressing pose, so that a hem has a height on the leg and a
+sleeve a length along the arm, whatever the pose of the picture.
 """
 
 import dataclasses

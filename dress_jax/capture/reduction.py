@@ -59,7 +59,10 @@ def reduced_view(view: View, factor: int) -> View:
         rgb=bytes_of(view.rgb),
         matte=bytes_of(view.matte),
         mask=bytes_of(view.mask),
-        parts={name: np.round(_means(p, factor)).astype(np.uint8) for name, p in view.parts.items()},
+        parts={
+            name: np.round(_means(part, factor)).astype(np.uint8)
+            for name, part in view.parts.items()
+        },
         hidden=bytes_of(view.hidden),
         normal=None if view.normal is None else _mean_normals(view.normal, factor),
         landmarks=landmarks,

@@ -85,7 +85,7 @@ def reconstruct(
     ] = "average",
     keep_body: Annotated[
         bool,
-        typer.Option("--keep-body", help="Take the input's SMPL-X estimate as it is; needs --body."),
+        typer.Option("--keep-body", help="Take the input's SMPL-X estimate as it is, on --body."),
     ] = False,
     body_iterations: Annotated[
         int, typer.Option(min=0, help="Steps of the body fit by pictures.")
@@ -111,8 +111,8 @@ def reconstruct(
 ) -> ExitCode:
     """From pictures to a fitted pattern on the body: all stages, and a page that shows them.
 
-    Stages are bundle, body, pattern, drape, fit, texture, report. Complete ones are kept while their
-    inputs stay the same; after Ctrl-C or a failure the same command goes on.
+    Stages are bundle, body, pattern, drape, fit, texture, report. Complete ones are kept while
+    their inputs stay the same; after Ctrl-C or a failure the same command goes on.
     """
     from dress_jax.application.bundle import Source
     from dress_jax.application.completion import MaskSource

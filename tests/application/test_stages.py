@@ -29,9 +29,7 @@ class Workshop:
         return [
             Stage("first", {"file": self.source}, (), self.work("first", ())),
             Stage("second", {"option": self.option}, ("first",), self.work("second", ("first",))),
-            Stage(
-                "third", {}, ("first", "second"), self.work("third", ("second",)), resumes=True
-            ),
+            Stage("third", {}, ("first", "second"), self.work("third", ("second",)), resumes=True),
         ]
 
     def work(self, name, needs):
