@@ -54,6 +54,7 @@ WEARER, BODY = "wearer.json", "body.npz"
 # that its landmarks are worth 65 observations, however many views there are: 100 * 0.01^2 / 65. The
 # weights of an estimate keep shapes as human (docs/pipeline.md: what smaller ones did).
 _WEIGHTS = Weights(prior=1.5e-4, pose=1.5e-2, shape=2e-3)
+_LANDMARK_STEPS = 300  # one view is a long valley: arms and legs go forward and back
 _FITTED, _GIVEN, _MESH = "fitted", "given", "mesh"
 
 
@@ -229,6 +230,7 @@ def _fit(
         estimate=estimate,
         options=ReconstructionOptions(
             fine_iterations=options.iterations,
+            landmark_iterations=_LANDMARK_STEPS,
             weights=_WEIGHTS,
             free=Free(scale=scale),
             coarse=Free(scale=scale, pose=False, hands=False, shape=False),

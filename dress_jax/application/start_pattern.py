@@ -40,6 +40,8 @@ _COVERED = 0.5
 _ON_BODY = 0.99
 _LEAST_PIXELS = 4  # of a bin that says anything
 _LEAST_GAP = 30  # pixels between the legs that tell a skirt from trousers
+_WIDE_GAP = 0.5  # of the legs beside it
+_SKIRT = 0.8  # of such gaps is covered
 _SHORTEST_SLEEVE, _SHORTEST_LEG, _LOWEST_HEM = 0.05, 0.08, 0.05
 
 _render = jax.jit(render)
@@ -52,7 +54,7 @@ class Coverage:
     Attributes:
         hem_height: lowest place on trunk and legs that is covered, above the floor.
         sleeve_reach: farthest covered place on the arms, from the middle plane; 0 without sleeves.
-        between_legs: part of the gap between the legs that is covered; None where none is seen.
+        between_legs: part of wide gaps between the legs that is covered; None where none is seen.
     """
 
     hem_height: float
@@ -220,7 +222,10 @@ def _reach(
 def _between_legs(
     legs: np.ndarray, across: np.ndarray, worn: np.ndarray, body: np.ndarray
 ) -> float | None:
-    """Part of the pixels between the two legs that the garment covers, in rows that it reaches."""
+    """Part of the pixels between the two legs that the garment covers, in rows that it reaches.
+
+    Wide trousers fill a narrow gap, so that only gaps half as wide as the legs beside them count.
+    """
     total = covered = 0
     for row in np.flatnonzero(legs.any(axis=1)):
         columns = np.flatnonzero(legs[row])
@@ -229,7 +234,9 @@ def _between_legs(
             continue
         low, high = sorted((left, right), key=lambda side: float(side.mean()))
         gap = np.arange(low.max() + 1, high.min())
-        gap = gap[~body[row, gap]] if len(gap) else gap
+        if len(gap) < _WIDE_GAP * 0.5 * (np.ptp(low) + np.ptp(high) + 2):
+            continue
+        gap = gap[~body[row, gap]]
         total, covered = total + len(gap), covered + int(worn[row, gap].sum())
     return None if total < _LEAST_GAP else covered / total
 
@@ -256,7 +263,7 @@ def _dress(m: Measurements, coverage: Coverage) -> Pattern:
 
 def _bottom(m: Measurements, coverage: Coverage) -> Pattern:
     hem = max(coverage.hem_height, _LOWEST_HEM)
-    if coverage.between_legs is not None and coverage.between_legs > _COVERED:
+    if coverage.between_legs is not None and coverage.between_legs > _SKIRT:
         shortest = m.hips_height - _SHORTEST_LEG
         return straight_skirt(m, flare=1.15, length_below_knee=m.knee_height - min(hem, shortest))
     shortest = m.crotch_height - 0.02 - _SHORTEST_LEG
