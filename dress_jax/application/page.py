@@ -40,6 +40,7 @@ SINGLE_VIEW = (
     "result gains by them.",
 )
 _LONGEST = 384  # of the pictures beside each other [px]
+_MARGIN = 0.08  # around what is shown
 _BODIES = 4  # views in which the body is shown over the picture
 _START_COLOR = (0.85, 0.60, 0.35)
 _TINT = np.array([200.0, 70.0, 110.0])
@@ -146,7 +147,7 @@ def _body(small: Sequence[View], vertices: np.ndarray, faces: np.ndarray, folder
         seen = _shown(view).astype(float)
         on_body = np.any(drawn < 255, axis=2, keepdims=True)
         over = np.where(on_body, np.round(0.35 * seen + 0.65 * drawn), seen).astype(np.uint8)
-        figures.append(picture(over, f"body over {view.name}"))
+        figures.append(picture(over[_filled([drawn])], f"body over {view.name}"))
     report = read_json(folder / "body" / "report.json", what="a report")
     said = ""
     if "landmark_error_px" in report:
@@ -168,13 +169,28 @@ def _views(small: Sequence[View], begin: DrapedState, end: DrapedState) -> str:
     """Picture, start and result from every camera."""
     rows = []
     for view in small:
-        pictures = [picture(_shown(view), f"{view_azimuth(view.camera)}°: picture")]
+        pictures = [(_shown(view), f"{view_azimuth(view.camera)}°: picture")]
         for state, name in ((begin, "start"), (end, "result")):
             garment = (state.garment.vertices, state.garment.faces, np.asarray(GARMENT_COLOR))
             body = (state.body_vertices, state.body_faces, np.asarray(BODY_COLOR))
-            pictures.append(picture(shade(view.camera, [garment, body]), name))
-        rows.append(f'<div class="row">{"".join(pictures)}</div>')
+            pictures.append((shade(view.camera, [garment, body]), name))
+        box = _filled([pixels for pixels, _ in pictures[1:]])
+        shown = [picture(pixels[box], caption) for pixels, caption in pictures]
+        rows.append(f'<div class="row">{"".join(shown)}</div>')
     return f'<div class="views">{"".join(rows)}</div>'
+
+
+def _filled(pictures: Sequence[np.ndarray]) -> tuple[slice, slice]:
+    """Rows and columns in which one of the pictures shows something on white, with a margin."""
+    covered = np.any([(pixels < 255).any(axis=2) for pixels in pictures], axis=0)
+    if not covered.any():
+        return slice(None), slice(None)
+    slices = []
+    for axis in (1, 0):
+        places = np.flatnonzero(covered.any(axis=axis))
+        margin = max(2, round(_MARGIN * (places[-1] - places[0])))
+        slices.append(slice(max(int(places[0]) - margin, 0), int(places[-1]) + 1 + margin))
+    return slices[0], slices[1]
 
 
 def _course(folder: Path) -> str:
@@ -200,7 +216,8 @@ def _certificates(drape: Mapping[str, Any], fit: Mapping[str, Any]) -> str:
 
     def certificate(report: Mapping[str, Any], key: str, form: str) -> str:
         found = report["certificate"]
-        return form.format(found[key]) if key in found else "unknown"
+        value = found.get(key, "unknown")
+        return form.format(value) if isinstance(value, float) else _WORDS.get(value, str(value))
 
     rows: list[tuple[str, list[str]]] = [
         ("converged", ["yes" if r["converged"] else str(r["result"]) for r in (drape, fit)]),
@@ -242,6 +259,7 @@ def _stages(stages: Sequence[StageOutcome]) -> str:
     )
 
 
+_WORDS = {True: "yes", False: "no"}
 _CERTIFIED = (
     ("residual", "largest force that is left", "{:.2g} N"),
     ("smallest_eigenvalue", "smallest eigenvalue of the Hessian", "{:.3g} 1/s²"),
