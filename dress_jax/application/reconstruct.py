@@ -53,7 +53,14 @@ from dress_jax.io.patterns import load_pattern, save_pattern
 from dress_jax.io.report import write_report
 from dress_jax.io.results import read_state
 from dress_jax.io.timing import stopwatch
+from dress_jax.optimisation import FitOptions
+from dress_jax.optimisation.gauss_newton.options import GaussNewtonOptions
 from dress_jax.pattern.drawing import drawing
+
+# One view, and a body that is assumed in part: a tighter prior, which stays at the template.
+_ONE_VIEW = GaussNewtonOptions(
+    shape_scale=0.08, size_scale=0.25, control_scale=0.04, seam_scale=0.005, recenterings=0
+)
 
 STAGES = ("bundle", "body", "pattern", "drape", "fit", "texture", "report")
 BUNDLE, FACTS = "bundle.h5", "facts.json"
@@ -236,7 +243,7 @@ class _Run:
                     views,
                     work,
                     drape_options=self.options.drape,
-                    fit_options=scheduled(self.options.iterations),
+                    fit_options=self._fit_options(),
                     truth=None if truth is None else load_pattern(truth),
                     resume=(work / START).is_file(),
                     start=read_state(draped / "drape.h5"),
@@ -287,6 +294,12 @@ class _Run:
     def _report(self, work: Path) -> StageResult:
         write_page(work / "index.html", self.folder, title=self.given.stem)
         return StageResult()
+
+    def _fit_options(self) -> FitOptions:
+        """One view says little of a pattern: what it leaves open stays that of the template."""
+        if not self._single_view():
+            return scheduled(self.options.iterations)
+        return scheduled(self.options.iterations, gauss_newton=_ONE_VIEW)
 
     def _observed(self) -> Bundle:
         return load_bundle(self.folder / "bundle" / BUNDLE)
