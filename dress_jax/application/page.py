@@ -35,9 +35,8 @@ SINGLE_VIEW = (
     "This was reconstructed from one picture. Only the outline and the colours of the front are "
     "seen; the back follows from symmetry, from the seams, and from the template. Depth, and with "
     "it the size of the person, is assumed, and so is the camera. How wide the clothes are from "
-    "front to back, and every seam that the front does not show, are those of the template. From "
-    "true pictures from all sides these things are measured; see docs/pipeline.md for how much the "
-    "result gains by them.",
+    "front to back, and every seam that the front does not show, are those of the template. "
+    "Pictures from all sides measure these things.",
 )
 _LONGEST = 384  # of the pictures beside each other [px]
 _MARGIN = 0.08  # around what is shown
@@ -152,11 +151,15 @@ def _body(small: Sequence[View], vertices: np.ndarray, faces: np.ndarray, folder
     said = ""
     if "landmark_error_px" in report:
         said = (
-            f'<p class="soft">Fitted to {report["views"]} views: landmarks are off by '
+            f'<p class="soft">Fitted to {_counted(report["views"], "view")}: landmarks are off by '
             f"{report['landmark_error_px']:.1f} px (rms), height {report['height_m']:.2f} m as "
             "posed.</p>"
         )
     return f'<div class="grid small">{"".join(figures)}</div>{said}'
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}" + ("" if number == 1 else "s")
 
 
 def _patterns(folder: Path) -> str:
