@@ -273,4 +273,4 @@ def _bottom(m: Measurements, coverage: Coverage) -> Pattern:
 def _cuff(m: Measurements, sleeve: float, *, ease: float = 0.12, whole: float = 0.45) -> float:
     """Girth of a sleeve's end: from the upper arm to a loose wrist along the arm [m]."""
     share = min(sleeve / whole, 1.0)
-    return (m.upper_arm + share * (1.25 * m.wrist - m.upper_arm)) * (1.0 + ease)
+    return (m.upper_arm + share * (1.5 * m.wrist - m.upper_arm)) * (1.0 + ease)

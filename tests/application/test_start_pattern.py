@@ -99,7 +99,7 @@ def test_a_skirt_covers_the_gap_between_the_legs(person):
     body = covered(place, 0.3, 0.9, 0.5)
     filled = body.copy()
     for row in np.flatnonzero(body.any(axis=1)):
-        columns = np.flatnonzero(body[row])
+        columns = np.flatnonzero(place[row, :, 1] < 0.9)
         filled[row, columns[0] : columns[-1] + 1] = 255
     for mask, source in ((body, "trousers"), (filled, "straight_skirt")):
         found = find_coverage(view, mask, wearer, measures)
