@@ -17,8 +17,9 @@ from dress_jax.capture.surfaces import Surface, split_clothes
 from dress_jax.capture.views import View
 from dress_jax.core.errors import InputError
 from dress_jax.io.capture.bundles import is_bundle, load_bundle
+from dress_jax.io.images import Targets
 from dress_jax.optimisation.observation import make_observation
-from dress_jax.render.cameras import stack_cameras
+from dress_jax.render.cameras import cameras_to_dict, stack_cameras
 from dress_jax.render.images import check_image, render
 from dress_jax.render.mesh import RenderMesh, make_render_mesh
 
@@ -94,6 +95,40 @@ def bundle_targets(bundle: Bundle) -> TargetViews:
         has_normal=normal is not None,
         truth=None,
     )
+
+
+def bundle_pictures(bundle: Bundle) -> Targets | None:
+    """The views of a bundle as pictures to texture from; None where one lacks colours or a mask.
+
+    Raises:
+        InputError: two views stand at the same azimuth, by which pictures are named.
+    """
+    views = bundle.views
+    rgb = [view.rgb for view in views if view.rgb is not None]
+    masks = [view.mask for view in views if view.mask is not None]
+    if not views or len(rgb) < len(views) or len(masks) < len(views):
+        return None
+    azimuths = tuple(view_azimuth(view.camera) for view in views)
+    if len(set(azimuths)) < len(azimuths):
+        raise InputError(
+            f"azimuths repeat: {sorted(azimuths)}", where="views", mend="leave some views out"
+        )
+    normals = [view.normal for view in views if view.normal is not None]
+    return Targets(
+        azimuths=azimuths,
+        cameras=tuple(cameras_to_dict([view.camera for view in views])["cameras"]),
+        rgb=_coverage(rgb),
+        normal=np.stack(normals) if len(normals) == len(views) else None,
+        mask=_coverage(masks),
+    )
+
+
+def true_garment(bundle: Bundle) -> Surface | None:
+    """The scan where it is a garment and nothing else, as data sets with a true one have it."""
+    scan = bundle.scan
+    if scan is None or scan.labels is None or not len(scan.faces):
+        return None
+    return scan if bool(np.isin(scan.labels, CLOTHES).all()) else None
 
 
 def draw_masks(bundle: Bundle, *, progress: Progress = silent) -> Bundle:

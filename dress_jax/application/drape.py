@@ -312,7 +312,7 @@ def drape_report(result: DrapeResult) -> dict[str, Any]:
         "converged": report.converged,
         "result": Result(int(report.result)).message,
         "residual": float(report.residual),
-        "certificate": _certificate(result),
+        "certificate": certificate_of(result.simulator, result.parameters, result.positions),
         "newton_iterations": int(report.iterations),
         "energy": float(report.energy),
         "fittings": [dataclasses.asdict(fitting) for fitting in result.dressed.fittings],
@@ -321,10 +321,12 @@ def drape_report(result: DrapeResult) -> dict[str, Any]:
     }
 
 
-def _certificate(result: DrapeResult) -> dict[str, Any]:
-    """Whether the drape is an equilibrium and stable, or why that is not known."""
+def certificate_of(
+    simulator: Simulator, parameters: Parameters, positions: Float[np.ndarray, "n 3"]
+) -> dict[str, Any]:
+    """Whether a drape is an equilibrium and stable, or why that is not known, for a report."""
     try:
-        found = certify(result.simulator, result.parameters, result.positions)
+        found = certify(simulator, parameters, positions)
     except LinearSolveError as error:
         return {"unknown": str(error)}
     return {**dataclasses.asdict(found), "stable": found.stable}

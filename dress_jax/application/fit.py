@@ -11,6 +11,7 @@ from jaxtyping import Array
 from dress_jax.application.drape import (
     DrapeOptions,
     DrapeResult,
+    certificate_of,
     drape_pattern,
     draped_state,
 )
@@ -40,12 +41,13 @@ from dress_jax.optimisation.draping import fitted_parameters
 from dress_jax.optimisation.landmarks import check_landmarks
 from dress_jax.optimisation.problem import rest_shape
 from dress_jax.optimisation.state import DrapedUnknowns, Unknowns
-from dress_jax.pattern import Pattern, discretize
+from dress_jax.pattern import Discretization, Pattern, discretize
 from dress_jax.pattern.rules import Rule
 from dress_jax.sim import static_solve
 from dress_jax.sim.equilibrium import Report
 from dress_jax.solver.linear import LinearSolveError
 
+_SAME = 1e-9  # [m]
 _NO_DERIVATIVE = "the final drape is no stable equilibrium, so it has no derivative"
 
 
@@ -69,6 +71,7 @@ class FitResult:
         state: the final drape with its pattern's panels.
         pattern: the fitted pattern.
         report: of the final solve.
+        certificate: of its equilibrium, ready for a report.
         course: one record per iteration, and per new mesh.
         before, after: figures of `begin` and `end`.
         views: what was fitted to.
@@ -83,6 +86,7 @@ class FitResult:
     state: DrapedState
     pattern: Pattern
     report: Report
+    certificate: dict[str, Any]
     course: Course
     before: Evaluation
     after: Evaluation
@@ -111,6 +115,7 @@ def fit_pattern(
     truth: Pattern | None = None,
     rules: Sequence[Rule] = (),
     resume: bool = False,
+    start: DrapedState | None = None,
     progress: Progress = silent,
 ) -> FitResult:
     """Fit a pattern to target views.
@@ -128,6 +133,8 @@ def fit_pattern(
         truth: the true pattern, to measure against.
         rules: of the design, see `pattern.rules`.
         resume: go on from the folder's checkpoint, exactly.
+        start: the pattern as it was draped on this wearer with these options; draped here when
+            None, and not looked at when resuming.
         progress: told about every stage.
 
     Raises:
@@ -152,6 +159,10 @@ def fit_pattern(
     if resume:
         start = load_start(folder, identity)
         discretization = discretize(pattern, drape_options.edge_length)
+    elif start is not None:
+        discretization = discretize(pattern, drape_options.edge_length)
+        _require_same(start, discretization, wearer)
+        save_start(folder, start, identity)
     else:
         draped = drape_pattern(pattern, wearer, options=drape_options, progress=progress)
         _require_sound(draped)
@@ -160,7 +171,7 @@ def fit_pattern(
     inputs = FitInputs(pattern, wearer, views, drape_options, fit_options, tuple(rules))
     run = run_fit(inputs, discretization, start, folder, resume=resume, progress=progress)
     problem = run.problem
-    end, report = _settle(problem, run.state)
+    end, report, certificate = _settle(problem, run.state)
     progress("evaluate", 0, 1)
     true_mesh = None if views.truth is None else (views.truth.vertices, views.truth.faces)
     before, after = (
@@ -181,6 +192,7 @@ def fit_pattern(
         state=dataclasses.replace(run.start, garment=garment),
         pattern=fitted_pattern(problem, end),
         report=report,
+        certificate=certificate,
         course=run.course,
         before=before,
         after=after,
@@ -196,6 +208,22 @@ def _known(problem: FitProblem, end: Fitted) -> Uncertainty | None:
         return None
 
 
+def _require_same(start: DrapedState, made: Discretization, wearer: Wearer) -> None:
+    garment = start.garment
+    same = (
+        np.array_equal(garment.faces, np.asarray(made.faces))
+        and garment.rest_positions.shape == np.shape(made.meshed_positions)
+        and np.allclose(garment.rest_positions, np.asarray(made.meshed_positions), atol=_SAME)
+        and np.allclose(start.body_vertices, wearer.vertices, atol=_SAME)
+    )
+    if not same:
+        raise InputError(
+            "is of another pattern, mesh or body",
+            where="initial drape",
+            mend="drape the pattern that is to be fitted, with the options of the fit",
+        )
+
+
 def _require_sound(draped: DrapeResult) -> None:
     if not draped.report.intersection_free:
         raise InputError(
@@ -205,14 +233,15 @@ def _require_sound(draped: DrapeResult) -> None:
         )
 
 
-def _settle(problem: FitProblem, state: DrapedUnknowns) -> tuple[Fitted, Report]:
-    """Drape the fitted pattern once more, to the full tolerance, for the record."""
+def _settle(problem: FitProblem, state: DrapedUnknowns) -> tuple[Fitted, Report, dict[str, Any]]:
+    """Drape the fitted pattern once more, to the full tolerance, for the record, and certify it."""
     rest = rest_shape(problem, state.unknowns.pattern)
     unknowns = state.unknowns
     parameters = fitted_parameters(problem, rest, unknowns.log_stiffness, unknowns.pin_shift)
     simulator = dataclasses.replace(problem.simulator)
     drape = static_solve(simulator, parameters, state.positions)
-    return Fitted(unknowns, drape.positions), drape.report
+    certificate = certificate_of(simulator, parameters, np.asarray(drape.positions))
+    return Fitted(unknowns, drape.positions), drape.report, certificate
 
 
 def fit_report(result: FitResult) -> dict[str, Any]:
@@ -224,6 +253,7 @@ def fit_report(result: FitResult) -> dict[str, Any]:
         "converged": report.converged,
         "result": Result(int(report.result)).message,
         "residual": float(report.residual),
+        "certificate": result.certificate,
         "newton_iterations": int(report.iterations),
         "iterations": len(history),
         "rejected": sum(record["outcome"] != "accepted" for record in history),

@@ -13,7 +13,7 @@ from dress_jax.body.model import BodyModel
 from dress_jax.io.bodies import load_body_model, load_default_body
 from dress_jax.io.figures import write_comparison
 from dress_jax.io.meshes import write_body_obj
-from dress_jax.io.person import SavedBody, load_person, read_body, write_body
+from dress_jax.io.person import SavedBody, read_body, write_body
 from dress_jax.io.report import write_report
 from dress_jax.reconstruction import (
     BodyParameters,
@@ -21,11 +21,10 @@ from dress_jax.reconstruction import (
     Reconstruction,
     ReconstructionOptions,
     body_in_world,
-    make_body_views,
     reconstruct,
 )
 from dress_jax.reconstruction.parameters import make_parameters, model_translation, rest_pelvis
-from dress_jax.render.cameras import cameras_from_dict, stack_cameras, unstack_cameras
+from dress_jax.render.cameras import unstack_cameras
 from dress_jax.render.shading import BODY_COLOR, shade
 
 COMPARED_VIEWS = 4
@@ -71,7 +70,7 @@ def reconstruct_body(
     """Find the body that several views show.
 
     Args:
-        views: from `make_body_views`, or `read_views`.
+        views: from `make_body_views`, or `application.body_views`.
         body: "default", or an SMPL-X `.npz` file.
         estimate: pose and shape to begin with and to stay near, or a file of them (`io.person`).
         options: see `ReconstructionOptions`.
@@ -96,25 +95,6 @@ def reconstruct_body(
         found=found,
         vertices=np.asarray(state.vertices, np.float64),
         joints=np.asarray(state.joints, np.float64),
-    )
-
-
-def read_views(folder: str | Path, landmarks: str | Path) -> BodyViews:
-    """Views from a target folder and a file of landmarks; see `io.person.load_person`.
-
-    Raises:
-        InputError: files that are missing or do not fit each other.
-    """
-    person = load_person(folder, landmarks)
-    cameras = stack_cameras(cameras_from_dict({"cameras": list(person.targets.cameras)}))
-    return make_body_views(
-        cameras,
-        person.landmarks,
-        person.confidence,
-        landmark_ids=person.landmark_ids,
-        mask=person.targets.mask,
-        color=person.targets.rgb,
-        occluded=person.occluded,
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from dress_jax.application.progress import Progress, silent
+from dress_jax.capture.surfaces import Surface
 from dress_jax.core.errors import InputError
 from dress_jax.geometry.topology import connected_components
 from dress_jax.io.body_meshes import read_surface
@@ -43,7 +44,7 @@ class TargetViews:
         observation: the views, as a fit looks at them.
         azimuths: name of each view [degrees].
         has_color, has_normal: which pictures there were besides masks.
-        truth: the true garment, where the folder holds it.
+        truth: the true garment, where it is known.
         has_mask: whether the masks are to be fitted.
         scan: of the garment, to be fitted as well; None without one.
         landmarks: likewise.
@@ -53,7 +54,7 @@ class TargetViews:
     azimuths: tuple[int, ...]
     has_color: bool
     has_normal: bool
-    truth: GarmentMesh | None
+    truth: GarmentMesh | Surface | None
     has_mask: bool = True
     scan: Scan | None = None
     landmarks: tuple[Landmark, ...] = ()

@@ -105,6 +105,50 @@ def find_wearer(
     )
 
 
+def fitted_wearer(
+    model: BodyModel,
+    pose: Float[np.ndarray, "55 3"],
+    shape: Float[np.ndarray, " b"],
+    *,
+    scale: float = 1.0,
+    dressing_pose: str = "t",
+    **settings: str,
+) -> Wearer:
+    """A body that was fitted to pictures, from the dressing pose into its own (S8.6).
+
+    It stands with its feet at y = 0 in the dressing pose and turns about its pelvis from there, so
+    that nothing but the joints moves on the way; `pelvis_of` says where the pelvis stays.
+
+    Args:
+        model: the rig.
+        pose: of the pictures [rad], row 0 the global rotation.
+        shape: coefficients.
+        scale: of the whole body.
+        dressing_pose: named pose for which panels are placed.
+        settings: for reports.
+    """
+    first, last = named_pose(dressing_pose), np.asarray(pose, np.float64)
+    start = scale * _posed(model, first, shape)
+    floor = np.array([0.0, start[:, 1].min(), 0.0])
+    way = [scale * _posed(model, turned, shape) - floor for turned in _between(first, last)]
+    return Wearer(
+        start=start - floor,
+        faces=np.asarray(model.faces),
+        way=np.array(way).reshape(-1, *start.shape),
+        settings={"dressing_pose": dressing_pose, **settings},
+    )
+
+
+def pelvis_of(
+    model: BodyModel, shape: Float[np.ndarray, " b"], *, scale: float, dressing_pose: str = "t"
+) -> Float[np.ndarray, "3"]:
+    """Where `fitted_wearer` has its pelvis, from first to last [m]."""
+    floor = scale * float(_posed(model, named_pose(dressing_pose), shape)[:, 1].min())
+    directions = np.asarray(model.joint_shapedirs)[0, :, : len(shape)]
+    pelvis = np.asarray(model.joint_template)[0] + directions @ np.asarray(shape)
+    return scale * pelvis - np.array([0.0, floor, 0.0])
+
+
 def _between(first: np.ndarray, last: np.ndarray) -> list[np.ndarray]:
     """Poses after the first one, at most `_LARGEST_TURN` apart."""
     turn = float(np.max(np.linalg.norm(last - first, axis=1), initial=0.0))

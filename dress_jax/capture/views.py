@@ -10,6 +10,7 @@ from scipy import ndimage
 
 from dress_jax.capture.checks import numbers, picture, same_size
 from dress_jax.capture.labels import ClothesLabel, clothes_masks, hidden_by
+from dress_jax.capture.landmarks import Landmarks
 from dress_jax.core.errors import InputError
 from dress_jax.render.cameras import Camera
 
@@ -35,6 +36,7 @@ class View:
         hidden: coverage by hair and accessories, where the mask says nothing (M^alpha, S10.4).
         normal: unit normals in the world frame, towards the camera, zero where there is no
             surface, float32, shape (h, w, 3).
+        landmarks: of the person in this view.
 
     Raises:
         InputError: wrong types, shapes or sizes, a bad name, a stack of cameras, or normals that
@@ -49,6 +51,7 @@ class View:
     parts: Mapping[str, UInt8[np.ndarray, "h w"]] = dataclasses.field(default_factory=dict)
     hidden: UInt8[np.ndarray, "h w"] | None = None
     normal: Float[np.ndarray, "h w 3"] | None = None
+    landmarks: Landmarks | None = None
 
     def __post_init__(self) -> None:
         where = f"view '{self.name}'"
@@ -75,6 +78,10 @@ class View:
             if ((np.abs(length - 1.0) > _UNIT_SLACK) & (length > 0.0)).any():
                 raise InputError("has normals that are neither unit nor zero", where=part)
             object.__setattr__(self, "normal", normal)
+        if self.landmarks is not None and not isinstance(self.landmarks, Landmarks):
+            raise InputError(
+                f"landmarks are a {type(self.landmarks).__name__}, not Landmarks", where=where
+            )
 
 
 def with_labels(view: View, labels: UInt8[np.ndarray, "h w"]) -> View:

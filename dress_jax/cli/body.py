@@ -14,13 +14,16 @@ def fit_body(
     views: Annotated[
         Path,
         typer.Argument(
-            metavar="VIEWS", help="Folder of views: cameras.json, rgb/, mask/ and occluded/."
+            metavar="VIEWS",
+            help="Bundle whose views have landmarks, or a folder: cameras.json, rgb/, mask/, "
+            "occluded/.",
         ),
     ],
-    landmarks: Annotated[
-        Path, typer.Option(help="COCO-WholeBody landmarks of every view, .npz or JSON.")
-    ],
     out: Annotated[Path, typer.Option(help="Folder for the results.")],
+    landmarks: Annotated[
+        Path | None,
+        typer.Option(help="Of a folder: COCO-WholeBody landmarks of every view, .npz or JSON."),
+    ] = None,
     body: Annotated[str, typer.Option(help="'default', or an SMPL-X .npz file.")] = "default",
     estimate: Annotated[
         Path | None, typer.Option(help="Estimated pose and shape (.npz) to stay near.")
@@ -33,17 +36,13 @@ def fit_body(
     ] = 5,
 ) -> ExitCode:
     """Reconstruct a body from views of a person with landmarks."""
-    from dress_jax.application.reconstruct_body import (
-        body_report,
-        read_views,
-        reconstruct_body,
-        save_body,
-    )
+    from dress_jax.application.body_views import read_body_views
+    from dress_jax.application.reconstruct_body import body_report, reconstruct_body, save_body
     from dress_jax.io.results import prepare_folder
     from dress_jax.io.timing import stopwatch
     from dress_jax.reconstruction import ReconstructionOptions
 
-    seen = read_views(views, landmarks)
+    seen = read_body_views(views, landmarks)
     prepare_folder(out)
     options = ReconstructionOptions(
         fine_iterations=iterations, views_per_iteration=views_per_iteration

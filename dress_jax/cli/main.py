@@ -12,6 +12,7 @@ from dress_jax.cli.checking import check, gradcheck
 from dress_jax.cli.draping import drape, render
 from dress_jax.cli.environment import CACHE_VARIABLE
 from dress_jax.cli.fitting import demo, fit
+from dress_jax.cli.reconstructing import reconstruct
 from dress_jax.cli.texturing import texture
 
 app = typer.Typer(
@@ -51,7 +52,19 @@ def options(
     context.obj = {"cache": cache_dir}
 
 
-for _command in (drape, render, bundle, fit, fit_body, texture, animate, check, gradcheck, demo):
+for _command in (
+    reconstruct,
+    drape,
+    render,
+    bundle,
+    fit,
+    fit_body,
+    texture,
+    animate,
+    check,
+    gradcheck,
+    demo,
+):
     app.command()(_command)
 
 

@@ -5,6 +5,7 @@ z = +gap, back panels in z = -gap, turned about the vertical axis so that both l
 counter-clockwise seen from outside.
 """
 
+import dataclasses
 import math
 
 import numpy as np
@@ -23,10 +24,11 @@ class Measurements:
         chest, waist, hips: girths.
         neck_width: between the shoulder points at the neck.
         shoulder_width: between the shoulder tips.
-        shoulder_height, shoulder_tip_height, waist_height, hips_height, knee_height: above the
-            floor; `shoulder_height` at the neck.
+        shoulder_height, shoulder_tip_height, waist_height, hips_height, crotch_height,
+            knee_height: above the floor; `shoulder_height` at the neck.
         armhole_depth: from the shoulder tip straight down to the bottom of an armhole.
-        upper_arm: girth.
+        upper_arm, wrist, thigh, ankle: girths.
+        leg_distance: of the ankles from the middle plane.
     """
 
     chest: float = static(default=0.92)
@@ -38,9 +40,14 @@ class Measurements:
     shoulder_tip_height: float = static(default=1.37)
     waist_height: float = static(default=1.04)
     hips_height: float = static(default=0.86)
+    crotch_height: float = static(default=0.76)
     knee_height: float = static(default=0.47)
     armhole_depth: float = static(default=0.18)
     upper_arm: float = static(default=0.30)
+    wrist: float = static(default=0.17)
+    thigh: float = static(default=0.57)
+    ankle: float = static(default=0.24)
+    leg_distance: float = static(default=0.10)
 
 
 DEFAULT = Measurements()
@@ -151,27 +158,35 @@ def sleeveless_dress(
 
 
 def straight_skirt(
-    measurements: Measurements = DEFAULT, *, ease: float = 0.04, gap: float = 0.20
+    measurements: Measurements = DEFAULT,
+    *,
+    ease: float = 0.04,
+    flare: float = 1.0,
+    length_below_knee: float = 0.0,
+    gap: float = 0.20,
 ) -> Pattern:
-    """A straight skirt from waist to knee: two panels and two side seams curved over the hips.
+    """A skirt from waist to knee: two panels and two side seams curved over the hips.
 
     Args:
         measurements: the body's.
         ease: extra width at waist and hips, as a fraction of the girth.
+        flare: girth of the hem over that of the skirt at the hips.
+        length_below_knee: how far the hem lies below the knee [m]; negative for a shorter skirt.
         gap: distance of the panels' planes from z = 0 [m].
 
     Raises:
         InputError: an option that is not a positive number.
     """
-    _positive(gap=gap, one_plus_ease=1.0 + ease)
+    _positive(gap=gap, one_plus_ease=1.0 + ease, flare=flare)
     m = measurements
     half_waist, half_hips = 0.25 * m.waist * (1.0 + ease), 0.25 * m.hips * (1.0 + ease)
-    hips, hem = m.hips_height - m.waist_height, m.knee_height - m.waist_height
-    _positive(hip_drop=-hips, length=-hem)
+    hips = m.hips_height - m.waist_height
+    hem = m.knee_height - length_below_knee - m.waist_height
+    _positive(hip_drop=-hips, length_below_hips=hips - hem, height_of_hem=hem + m.waist_height)
     vertices = np.array(
         [
-            (-half_hips, hem),
-            (half_hips, hem),
+            (-half_hips * flare, hem),
+            (half_hips * flare, hem),
             (half_hips, hips),
             (half_waist, 0.0),
             (-half_waist, 0.0),
@@ -206,7 +221,10 @@ def t_shirt(
     measurements: Measurements = DEFAULT,
     *,
     ease: float = 0.12,
+    flare: float = 1.0,
+    length_below_hips: float = 0.0,
     sleeve_length: float = 0.20,
+    cuff: float | None = None,
     arm_angle: float = 0.0,
     gap: float = 0.20,
 ) -> Pattern:
@@ -215,7 +233,10 @@ def t_shirt(
     Args:
         measurements: the body's.
         ease: extra width at chest and upper arm, as a fraction of the girth.
+        flare: girth of the hem over the larger one of chest and hips, ease included in both.
+        length_below_hips: how far the hem lies below the hips [m]; negative for a shorter shirt.
         sleeve_length: from the armpit along the arm [m].
+        cuff: girth at the end of the sleeves [m]; that of the upper arm with its ease when None.
         arm_angle: how far the arms hang below the horizontal [degrees]; the sleeves' placement
             follows.
         gap: distance of the panels' planes from z = 0 [m].
@@ -223,14 +244,16 @@ def t_shirt(
     Raises:
         InputError: an option that is not a positive number.
     """
-    _positive(gap=gap, one_plus_ease=1.0 + ease, sleeve_length=sleeve_length)
+    _positive(gap=gap, one_plus_ease=1.0 + ease, sleeve_length=sleeve_length, flare=flare)
     m = measurements
-    hem_width = 0.5 * max(m.hips, m.chest) * (1.0 + ease)
-    common = {"hem_height": m.hips_height, "hem_width": hem_width, "ease": ease, "gap": gap}
+    hem_width = 0.5 * max(m.hips, m.chest) * (1.0 + ease) * flare
+    hem_height = m.hips_height - length_below_hips
+    _positive(hem_height=hem_height, cuff=1.0 if cuff is None else cuff)
+    common = {"hem_height": hem_height, "hem_width": hem_width, "ease": ease, "gap": gap}
     front = _bodice("front", m, neck_depth=0.09, back=False, **common)
     back = _bodice("back", m, neck_depth=0.03, back=True, **common)
     panels, stitches = [front, back], _bodice_seams("front", "back")
-    cuff = 0.5 * m.upper_arm * (1.0 + ease)
+    half_cuff = 0.5 * (m.upper_arm * (1.0 + ease) if cuff is None else cuff)
     for side, sign in (("left", 1.0), ("right", -1.0)):
         # The wearer's left is right-hand on the front and left-hand on the back, seen from outside.
         front_right_hand = sign > 0.0
@@ -239,7 +262,7 @@ def t_shirt(
             (back, 180.0, not front_right_hand),
         ):
             name = f"{side}_sleeve_{body.name}"
-            vertices, edges, cap = _sleeve_outline(body, sleeve_length, cuff, right_hand)
+            vertices, edges, cap = _sleeve_outline(body, sleeve_length, half_cuff, right_hand)
             shoulder = np.array([sign * (body.vertices[3, 0] + 0.08), m.shoulder_tip_height])
             panels.append(
                 Panel(
@@ -277,3 +300,145 @@ def _sleeve_outline(
     vertices = np.array([(end, -cuff), armpit, tip, (end, 0.0)]) * mirror
     cap = quadratic(1, 2, (x, -y))  # mirrored
     return vertices, (line(0, 1), cap, line(2, 3), line(3, 0, label="cuff")), 1
+
+
+def trousers(
+    measurements: Measurements = DEFAULT,
+    *,
+    ease: float = 0.08,
+    hem_height: float = 0.10,
+    hem: float | None = None,
+    rise_ease: float = 0.02,
+    gap: float = 0.20,
+) -> Pattern:
+    """Plain trousers: a front and a back piece for each leg, alike, as those of pyjamas.
+
+    Args:
+        measurements: the body's.
+        ease: extra width at waist and hips, as a fraction of the girth.
+        hem_height: of the hems above the floor [m].
+        hem: girth of a trouser leg at its end [m]; None tapers from the thigh to half as much again
+            as the ankle.
+        rise_ease: how far the crotch seam lies below the crotch [m].
+        gap: distance of the panels' planes from z = 0 [m].
+
+    Raises:
+        InputError: a measurement or option that is not a positive number, or legs that end above
+            the crotch.
+    """
+    m = measurements
+    crotch = m.crotch_height - rise_ease - m.waist_height
+    end, hips = hem_height - m.waist_height, m.hips_height - m.waist_height
+    _positive(
+        gap=gap,
+        one_plus_ease=1.0 + ease,
+        hem_height=hem_height,
+        rise=hips - crotch,
+        length_of_legs=crotch - end,
+        hip_drop=-hips,
+    )
+    half_waist, half_hips = 0.25 * m.waist * (1.0 + ease), 0.25 * m.hips * (1.0 + ease)
+    # The crotch pieces of front and back together are about a sixth of the hips.
+    fork = m.hips / 12.0
+    share = (crotch - end) / (m.crotch_height - rise_ease)
+    tapered = m.thigh * (1.0 + ease) + share * (1.5 * m.ankle - m.thigh * (1.0 + ease))
+    half_hem = 0.5 * (tapered if hem is None else hem)
+    _positive(hem=half_hem)
+    inner = max(m.leg_distance - 0.5 * half_hem, -fork)
+    outline = np.array(
+        [
+            (inner, end),
+            (inner + half_hem, end),
+            (half_hips, hips),
+            (half_waist, 0.0),
+            (0.0, 0.0),
+            (0.0, 0.5 * (crotch + hips)),
+            (-fork, crotch),
+        ]
+    )
+    edges = (
+        line(0, 1, label="hem"),
+        line(1, 2),
+        quadratic(2, 3, (0.5, -0.06)),
+        line(3, 4, label="waist"),
+        line(4, 5),
+        quadratic(5, 6, (0.5, 0.28)),
+        line(6, 0),
+    )
+    # The legs stand beside each other: their forks reach over the middle.
+    aside = fork + 0.02
+    panels = []
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        for face, turn in (("front", 0.0), ("back", 180.0)):
+            mirrored = (sign < 0.0) != (face == "back")
+            panels.append(
+                Panel(
+                    name=f"{side}_{face}",
+                    vertices=outline[::-1] * (-1.0, 1.0) if mirrored else outline.copy(),
+                    edges=tuple(_mirrored_edges(edges)) if mirrored else edges,
+                    rotation=rotation_matrix(np.array([0.0, turn, 0.0])),
+                    translation=np.array(
+                        [sign * aside, m.waist_height, -gap if face == "back" else gap]
+                    ),
+                    label="leg",
+                )
+            )
+    count = len(edges)
+
+    def side_of(name: str, face: str, edge: int) -> Side:
+        mirrored = (name == "right") != (face == "back")
+        return Side(f"{name}_{face}", _mirrored_edge(edge, count) if mirrored else edge)
+
+    stitches = [
+        Stitch(side_of(name, "front", edge), side_of(name, "back", edge))
+        for name in ("left", "right")
+        for edge in (1, 2, 6)  # side seam, over the hips, inside of the leg
+    ]
+    stitches += [
+        Stitch(side_of("left", face, edge), side_of("right", face, edge))
+        for face in ("front", "back")
+        for edge in (4, 5)  # centre and crotch
+    ]
+    return Pattern(panels=tuple(panels), stitches=tuple(stitches), source="trousers")
+
+
+def _mirrored_edge(edge: int, count: int) -> int:
+    """Place of an edge in the loop that `_mirrored_edges` makes."""
+    return (count - 2 - edge) % count
+
+
+def _mirrored_edges(edges: tuple[Edge, ...]) -> list[Edge]:
+    """The edges of the outline whose corners are reversed and mirrored, so that it turns the same
+    way: edge e from corner e to e + 1 becomes one from n - 2 - e to n - 1 - e, run backwards."""
+    count, made = len(edges), {}
+    for number, edge in enumerate(edges):
+        place = _mirrored_edge(number, count)
+        ends = place, (place + 1) % count
+        controls = edge.controls[::-1]
+        # Backwards, x is counted from the other end; mirrored and turned around, y stays.
+        made[place] = Edge(edge.kind, *ends, controls * (-1.0, 1.0) + (1.0, 0.0), edge.label)
+    return [made[place] for place in range(count)]
+
+
+def outfit(*patterns: Pattern) -> Pattern:
+    """Several garments as one pattern; panels are named by garment where names would repeat.
+
+    Args:
+        patterns: in any order; dressing puts on the lowest first.
+    """
+    names = [panel.name for pattern in patterns for panel in pattern.panels]
+    double = len(set(names)) < len(names)
+    panels, stitches = [], []
+    for pattern in patterns:
+        prefix = f"{pattern.source}_" if double else ""
+        panels += [dataclasses.replace(p, name=prefix + p.name) for p in pattern.panels]
+        stitches += [
+            dataclasses.replace(
+                s,
+                first=dataclasses.replace(s.first, panel=prefix + s.first.panel),
+                second=dataclasses.replace(s.second, panel=prefix + s.second.panel),
+            )
+            for s in pattern.stitches
+        ]
+    source = " and ".join(pattern.source for pattern in patterns)
+    return Pattern(panels=tuple(panels), stitches=tuple(stitches), source=source)

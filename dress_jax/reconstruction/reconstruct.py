@@ -9,7 +9,9 @@ from jaxtyping import Float
 
 from dress_jax.body.model import BodyModel
 from dress_jax.body.poses import relaxed_pose
+from dress_jax.body.skeleton import joint_index
 from dress_jax.core.errors import InputError
+from dress_jax.core.pytree import replace
 from dress_jax.reconstruction import fine
 from dress_jax.reconstruction.landmark_fit import fit_coarse, fit_landmarks, middle_of_view
 from dress_jax.reconstruction.landmarks import LandmarkMap, landmark_map
@@ -18,6 +20,8 @@ from dress_jax.reconstruction.losses import Strengths, landmark_loss
 from dress_jax.reconstruction.options import ReconstructionOptions
 from dress_jax.reconstruction.parameters import BodyParameters, make_parameters
 from dress_jax.reconstruction.views import BodyViews
+
+_THIGHS_FORWARD, _SHINS_BACK = 0.35, 1.0  # [rad]
 
 Listener = Callable[[str, int, int, float | None], None]
 """Called with a stage, pieces done, pieces at most, and the loss."""
@@ -95,10 +99,17 @@ def reconstruct(
     )  # fmt: skip
     tell("coarse", 1, 1, coarse_fit.loss)
     tell("landmarks", 0, 1, coarse_fit.loss)
-    placed, landmark_fit = fit_landmarks(
-        mapping, views, coarse, estimate, strengths, options.free,
-        iterations=options.landmark_iterations,
-    )  # fmt: skip
+    # One view does not tell a leg bent forward from one bent back, and knees bend one way only.
+    several = estimate is None and views.count == 1 and options.free.pose
+    begins = (coarse, _knees_bent(coarse)) if several else (coarse,)
+    fits = [
+        fit_landmarks(
+            mapping, views, begin, estimate, strengths, options.free,
+            iterations=options.landmark_iterations,
+        )
+        for begin in begins
+    ]  # fmt: skip
+    placed, landmark_fit = min(fits, key=lambda fit: fit[1].loss)
     tell("landmarks", 1, 1, landmark_fit.loss)
     _require_finite(placed, "the landmark stage")
     found, colors, history, ends, kept = placed, None, [], (None, None), False
@@ -128,6 +139,15 @@ def reconstruct(
         fine_kept=kept,
         landmark_error=_landmark_error(mapping, views, found),
     )
+
+
+def _knees_bent(start: BodyParameters) -> BodyParameters:
+    """The same body with its thighs a little forward and its shins back."""
+    pose = start.pose
+    for side in ("left", "right"):
+        pose = pose.at[joint_index(f"{side}_hip"), 0].add(-_THIGHS_FORWARD)
+        pose = pose.at[joint_index(f"{side}_knee"), 0].add(_SHINS_BACK)
+    return replace(start, pose=pose)
 
 
 def _checked(model: BodyModel, estimate: BodyParameters) -> BodyParameters:

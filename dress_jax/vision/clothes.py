@@ -68,6 +68,7 @@ class ClothesReport:
         shares: part of the person's pixels that has each label; they sum to 1.
         certainty: mean probability of the label given, by label; 1 is certain.
         waist_contrast: of the colours above and below the waist; `ONE_PIECE_CONTRAST` decides.
+        one_piece: whether top and bottom were taken for one garment.
         waist: its place, 0 at the shoulders and 1 at the hips.
         skin_pixels: from which the skin was learned; 0 where no skin was found in face and hands,
             and then nothing is labelled as skin.
@@ -78,18 +79,18 @@ class ClothesReport:
     shares: Mapping[ClothesLabel, float]
     certainty: Mapping[ClothesLabel, float]
     waist_contrast: float
+    one_piece: bool
     waist: float
     skin_pixels: int
     cut_off: bool
 
-    @property
-    def one_piece(self) -> bool:
-        """Whether top and bottom were taken for one garment."""
-        return self.waist_contrast < ONE_PIECE_CONTRAST
-
 
 def parse_clothes(
-    image: UInt8[np.ndarray, "h w 3"], matte: UInt8[np.ndarray, "h w"], landmarks: Landmarks
+    image: UInt8[np.ndarray, "h w 3"],
+    matte: UInt8[np.ndarray, "h w"],
+    landmarks: Landmarks,
+    *,
+    one_piece: bool | None = None,
 ) -> tuple[UInt8[np.ndarray, "h w"], ClothesReport]:
     """Labels of the pixels, `ClothesLabel`, and how far they can be trusted.
 
@@ -97,6 +98,8 @@ def parse_clothes(
         image: RGB, shape (h, w, 3).
         matte: coverage by the person, 0 to 255, shape (h, w).
         landmarks: of the person.
+        one_piece: whether top and bottom are one garment; None leaves it to the colours. Several
+            views of one person have to agree.
 
     Raises:
         InputError: the matte is empty, or neither shoulders nor hips were found.
@@ -123,7 +126,8 @@ def parse_clothes(
     scene = _scene(colors, region, body)
     waist, waist_contrast = find_waist(scene)
     probabilities = _probabilities(scene, waist)
-    one_piece = waist_contrast < ONE_PIECE_CONTRAST
+    if one_piece is None:
+        one_piece = waist_contrast < ONE_PIECE_CONTRAST
     found, certain = _decided(probabilities, mask[rows, columns], one_piece=one_piece)
     labels = np.zeros(mask.shape, np.uint8)
     labels[rows, columns] = found
@@ -133,6 +137,7 @@ def parse_clothes(
         shares={kind: float((found == kind).sum()) / total for kind in present},
         certainty={kind: float(certain[found == kind].mean()) for kind in present},
         waist_contrast=waist_contrast,
+        one_piece=one_piece,
         waist=waist,
         skin_pixels=scene.skin_pixels,
         cut_off=bool(max(mask[0].mean(), mask[-1].mean()) > _BORDER_SHARE),

@@ -79,6 +79,7 @@ def view(rng, name, azimuth=30.0):
         parts={"top": gray[2], "bottom": gray[3]},
         hidden=gray[0] // 2,
         normal=normal,
+        landmarks=landmarks(rng),
     )
 
 

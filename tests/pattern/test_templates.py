@@ -20,10 +20,24 @@ from dress_jax.pattern import (
     scaled,
     to_specification,
 )
+from dress_jax.pattern.mirror import find_mirror
 from dress_jax.pattern.outline import edge_points, fine_outline, orientation
-from dress_jax.pattern.templates import Measurements, sleeveless_dress, straight_skirt, t_shirt
+from dress_jax.pattern.templates import (
+    Measurements,
+    outfit,
+    sleeveless_dress,
+    straight_skirt,
+    t_shirt,
+    trousers,
+)
+from dress_jax.pattern.validation import validate
 
-DRAFTS = {"dress": sleeveless_dress, "skirt": straight_skirt, "shirt": t_shirt}
+DRAFTS = {
+    "dress": sleeveless_dress,
+    "skirt": straight_skirt,
+    "shirt": t_shirt,
+    "trousers": trousers,
+}
 LENGTHS = 1e-12  # [m]
 
 
@@ -47,7 +61,8 @@ def test_drafts_stand_on_both_sides_of_the_body_with_parallel_seams(name):
     mesh = discretize(pattern, 0.03)
     world = np.asarray(placed_positions(rest_positions(pattern_parameters(pattern), mesh), mesh))
     np.testing.assert_allclose(np.abs(world[:, 2]), 0.2, atol=1e-15)
-    assert world[:, 1].min() > 0.3 and world[:, 1].max() < 1.5
+    lowest = {"trousers": 0.09}.get(name, 0.3)
+    assert world[:, 1].min() > lowest and world[:, 1].max() < 1.5
     for panel_number, one in enumerate(pattern.panels):
         a, b, c = world[mesh.rest_faces[mesh.face_panel == panel_number][0]]
         normal = np.cross(b - a, c - a)
@@ -67,6 +82,44 @@ def test_measurements_set_the_girths():
     np.testing.assert_allclose(4.0 * front.vertices[2, 0], 1.1)
     lowest = edge_points(front, front.edges[4], np.array([0.5]))
     np.testing.assert_allclose(lowest, [[0.0, -0.09]], atol=LENGTHS)
+
+
+def test_lengths_of_drafts_are_those_that_were_asked_for():
+    m = Measurements()
+    shirt = t_shirt(m, length_below_hips=0.1, sleeve_length=0.4, cuff=0.2)
+    lowest = min(p.translation[1] + p.vertices[:, 1].min() for p in shirt.panels)
+    assert lowest == pytest.approx(m.hips_height - 0.1)
+    lengths = edge_lengths(pattern_parameters(shirt), discretize(shirt, 0.05).edges)
+    cuffs = [
+        float(length)
+        for length, edge in zip(lengths, [e for p in shirt.panels for e in p.edges], strict=True)
+        if edge.label == "cuff"
+    ]
+    np.testing.assert_allclose(cuffs, 0.1, atol=LENGTHS)
+    skirt = straight_skirt(m, flare=1.3, length_below_knee=0.2).panel("skirt_front")
+    assert skirt.vertices[0, 1] == pytest.approx(m.knee_height - 0.2 - m.waist_height)
+    assert skirt.vertices[1, 0] == pytest.approx(1.3 * skirt.vertices[2, 0])
+    legs = trousers(m, hem_height=0.3, hem=0.4)
+    for leg in legs.panels:
+        assert leg.translation[1] + leg.vertices[:, 1].min() == pytest.approx(0.3)
+        hems = [edge for edge in leg.edges if edge.label == "hem"]
+        ends = leg.vertices[[hems[0].start, hems[0].end]]
+        assert np.linalg.norm(np.diff(ends, axis=0)) == pytest.approx(0.2)
+    for wrong in ({"hem_height": 0.8}, {"hem": -0.1}):
+        with pytest.raises(InputError):
+            trousers(m, **wrong)
+
+
+def test_an_outfit_keeps_its_garments_apart():
+    both = outfit(t_shirt(), trousers())
+    validate(both)
+    mesh = discretize(both, 0.05)
+    assert len(np.unique(components(mesh))) == 2
+    assert [panel.name for panel in both.panels][:2] == ["front", "back"]
+    twice = outfit(t_shirt(), sleeveless_dress())
+    validate(twice)
+    assert "t_shirt_front" in [panel.name for panel in twice.panels]
+    assert len(find_mirror(trousers()).pairs) == 2  # the front pieces, the back pieces
 
 
 def test_drafts_are_written_and_read_back():

@@ -1,6 +1,7 @@
 """The stages that need landmarks only: coarse from bad starts, then pose and shape (S7)."""
 
 import dataclasses
+import sys
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +11,7 @@ from reconstruction_scenes import person, pinhole_ring, ring, seen_landmarks
 from scipy.spatial.transform import Rotation
 from smplx_file import write_smplx_file
 
+from dress_jax.body.skeleton import joint_index
 from dress_jax.core.pytree import replace
 from dress_jax.io.bodies import load_body_model
 from dress_jax.reconstruction import (
@@ -22,6 +24,7 @@ from dress_jax.reconstruction import (
 )
 from dress_jax.reconstruction import landmark_fit as stages
 from dress_jax.reconstruction.landmarks import landmark_points
+from dress_jax.reconstruction.levenberg_marquardt import Minimum
 from dress_jax.reconstruction.losses import Strengths
 from dress_jax.reconstruction.parameters import free_columns, make_parameters, pack
 
@@ -170,3 +173,31 @@ def test_an_smplx_file_is_reconstructed_too(smplx_body):
     np.testing.assert_allclose(
         body_in_world(model, found.parameters).joints, body_in_world(model, truth).joints, atol=1e-3
     )
+
+
+@pytest.mark.parametrize("bent_is_better", [True, False])
+def test_one_view_begins_standing_and_bent(mapping, body, truth, monkeypatch, bent_is_better):
+    """It does not tell a leg bent forward from one bent back; what fits the landmarks decides."""
+    knee = joint_index("left_knee")
+    begins = []
+
+    def fit(mapping, views, begin, *rest, iterations):
+        begins.append(begin)
+        loss = -float(begin.pose[knee, 0]) if bent_is_better else float(begin.pose[knee, 0])
+        return begin, Minimum(np.zeros(0), loss, (loss,), 0, True)
+
+    # The package shows the function of the same name instead of its module.
+    workflow = sys.modules["dress_jax.reconstruction.reconstruct"]
+    monkeypatch.setattr(workflow, "fit_coarse", fit)
+    monkeypatch.setattr(workflow, "fit_landmarks", fit)
+    for count, estimate, expected in ((1, None, 2), (1, truth, 1), (2, None, 1)):
+        begins.clear()
+        cameras, landmarks, ids = seen_landmarks(mapping, truth, cameras=ring(count))
+        views = make_body_views(cameras, landmarks, np.ones(landmarks.shape[:2]), landmark_ids=ids)
+        found = reconstruct(body, views, estimate=estimate)
+        assert len(begins) == 1 + expected  # the coarse stage and those after it
+        angles = [float(b.pose[knee, 0]) for b in begins[1:]]
+        if expected == 2:
+            assert angles[1] > angles[0] + 0.5
+            best = max(angles) if bent_is_better else min(angles)
+            assert float(found.parameters.pose[knee, 0]) == best

@@ -60,6 +60,9 @@ def to_record(bundle: Bundle) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             if getattr(view, name) is not None:
                 arrays[f"{place}/{name}"] = getattr(view, name)
         arrays |= {f"{place}/part-{name}": mask for name, mask in view.parts.items()}
+        if view.landmarks is not None:
+            arrays[f"{place}/landmark-points"] = view.landmarks.points
+            arrays[f"{place}/landmark-confidence"] = view.landmarks.confidence
     document = {
         "format": FORMAT,
         "sources": dict(bundle.sources),
@@ -144,10 +147,16 @@ def _surface(part: str, arrays: Mapping[str, np.ndarray]) -> Surface | None:
 def _view(entry: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> View:
     name = entry["name"]
     place = f"views/{name}"
+    landmarks = None
+    if f"{place}/landmark-points" in arrays:
+        landmarks = Landmarks(
+            arrays[f"{place}/landmark-points"], arrays[f"{place}/landmark-confidence"]
+        )
     return View(
         name=name,
         camera=cameras_from_dict(entry)[0],
         parts={part: arrays[f"{place}/part-{part}"] for part in entry["parts"]},
         normal=arrays.get(f"{place}/normal"),
+        landmarks=landmarks,
         **{kind: arrays.get(f"{place}/{kind}") for kind in _VIEW_PICTURES},
     )
