@@ -59,6 +59,7 @@ def _full(upper: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
     return upper + scipy.sparse.triu(upper, 1).T
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PEERS)
 def test_energy_gradient_and_hessian_are_those_of_dress_jax(pressed, name):
     scene, x, own = pressed

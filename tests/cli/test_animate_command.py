@@ -40,6 +40,7 @@ def swayed(skirt, run, tmp_path_factory):
     return folder, result
 
 
+@pytest.mark.slow
 def test_every_frame_is_free_of_intersections(skirt, swayed):
     """Counted again from the file, cloth with itself and with the body of its frame."""
     folder, result = swayed
@@ -57,6 +58,7 @@ def test_every_frame_is_free_of_intersections(skirt, swayed):
     assert "0 self, 0 body" in result.output
 
 
+@pytest.mark.slow
 def test_the_waist_rides_on_the_body(skirt, swayed):
     folder, result = swayed
     report = json.loads((folder / "report.json").read_text())
@@ -69,6 +71,7 @@ def test_the_waist_rides_on_the_body(skirt, swayed):
     assert row["median_m"] < 0.02
 
 
+@pytest.mark.slow
 def test_the_report_has_a_row_a_frame(swayed):
     report = json.loads((swayed[0] / "report.json").read_text())
     assert report["frames"] == FRAMES
@@ -80,6 +83,7 @@ def test_the_report_has_a_row_a_frame(swayed):
     assert report["intersections"] == {"self": 0, "body": 0}
 
 
+@pytest.mark.slow
 def test_all_files_are_there_and_agree(swayed):
     folder = swayed[0]
     report = json.loads((folder / "report.json").read_text())
@@ -95,6 +99,7 @@ class Stop(Exception):
     """Raised in the middle of a run."""
 
 
+@pytest.mark.slow
 def test_a_resumed_run_repeats_an_uninterrupted_one_bit_by_bit(skirt, swayed, run, tmp_path):
     def stop(stage, done, total, *, loss=None):
         if stage == "animate" and done == 3:
@@ -174,6 +179,7 @@ def test_bad_options_of_animate_are_named(skirt, run, tmp_path, options, part):
     assert part in result.stderr
 
 
+@pytest.mark.slow
 def test_a_file_is_cut_and_resampled(skirt, run, tmp_path):
     """A clip of 60 frames per second at 15, and one that is shorter than asked for."""
     poses = np.zeros((31, 165))

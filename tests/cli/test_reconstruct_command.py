@@ -45,6 +45,7 @@ def endings(result):
     return dict(lines)
 
 
+@pytest.mark.slow
 def test_stages_until_the_drape_are_made_once(run, inputs, scene, tmp_path):
     out = tmp_path / "out"
     given = (*arguments(inputs, scene, out), "--until", "drape")

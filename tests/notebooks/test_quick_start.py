@@ -10,6 +10,7 @@ NOTEBOOK = Path(__file__).parents[2] / "notebooks" / "quick_start.ipynb"
 SECONDS = 600  # a limit for a busy machine; two idle cores need less than 180
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_quick_start_runs():
     notebook = nbformat.read(NOTEBOOK, as_version=4)

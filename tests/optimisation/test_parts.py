@@ -152,6 +152,7 @@ def assessed(problem, positions):
     return outlines, assess_value(garment, weights, problem.tables, problem.observation)
 
 
+@pytest.mark.slow
 def test_a_hem_before_another_garment_shows_in_its_own_mask_only(scene):
     _, mesh, rest, x, _, seen = scene
     lifted = worn(mesh, rest, lift=LIFT)

@@ -140,7 +140,7 @@ def _plate():
 
 
 @pytest.mark.parametrize("parts", [_half_ball, pytest.param(_plate, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("gap", [2e-4, -0.01])
+@pytest.mark.parametrize("gap", [pytest.param(2e-4, marks=pytest.mark.slow), -0.01])
 def test_pinched_cloth_ends_in_a_report(parts, gap):
     """Parts that close to less than the thickness on each side, or through each other."""
     simulator, parameters, start, closed = _closing(parts(), gap)

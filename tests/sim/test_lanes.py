@@ -82,6 +82,7 @@ def test_the_gradient_of_a_batch(drape):
     assert float(rate) == pytest.approx(float(np.sum(slope * np.asarray(along))), rel=1e-8)
 
 
+@pytest.mark.slow
 def test_a_batch_of_batches(drape):
     """Rows of lanes, and many right-hand sides in each lane that share its factorization."""
     grid = DENSITIES[:4].reshape(2, 2)

@@ -80,7 +80,7 @@ def test_a_card_sticks_below_the_angle_of_friction(lying):
     assert 0.0 < slid < slip_speed * STEPS * STEP
 
 
-@pytest.mark.parametrize("excess", [1.05, 1.5])
+@pytest.mark.parametrize("excess", [1.05, pytest.param(1.5, marks=pytest.mark.slow)])
 def test_a_card_slides_above_the_angle_of_friction(lying, excess):
     """S1.16: with the acceleration g (tan - mu), summed as backward Euler does."""
     acceleration = WEIGHT * MU * (excess - 1.0)

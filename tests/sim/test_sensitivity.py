@@ -55,7 +55,7 @@ def _objective(simulator, parameters, positions, *, velocity=0.0, body_shift=0.0
     return StepObjective(simulator, StepInputs(step, parameters, body_start))
 
 
-@pytest.mark.parametrize("friction", [False, True])
+@pytest.mark.parametrize("friction", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_assembled_exact_hessian_equals_its_product(drape, friction):
     simulator, parameters, positions = drape
     recorder = _Recorder(make_solver())

@@ -36,7 +36,10 @@ def _run(name: str, *, fine: int, runs: int) -> None:
 
 
 # Those that take longest, most of it to compile, are left to the slow tests.
-LONG = ("ten_layers", "arm_to_torso", "slivers", "through_a_ring", "between_plates", "many_sizes")
+LONG = (
+    *("ten_layers", "arm_to_torso", "slivers", "through_a_ring", "between_plates", "many_sizes"),
+    *("coincident", "twisted_cylinder"),
+)
 
 
 @pytest.mark.parametrize(
