@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Int
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.sparse.csgraph import connected_components as _graph_components
 
 from dress_jax.core.errors import InputError
@@ -71,6 +71,19 @@ def _half_edges(faces: np.ndarray) -> _HalfEdges:
     first, second = order[:-1][same], order[1:][same]
     twin[first], twin[second] = second, first
     return _HalfEdges(origin, target, twin)
+
+
+def neighbour_graph(faces: Int[np.ndarray, "f 3"], count: int) -> csr_array:
+    """Which vertices share an edge: a symmetric matrix of ones, (count, count)."""
+    edges = unique_edges(faces)
+    both = np.concatenate([edges, edges[:, ::-1]])
+    return csr_array((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(count, count))
+
+
+def neighbour_mean(graph: csr_array) -> csr_array:
+    """The matrix that takes values of vertices to the means over their neighbours, 0 for none."""
+    degree = np.maximum(graph.sum(axis=1), 1.0)
+    return csr_array(diags_array(1.0 / degree) @ graph)
 
 
 def unique_edges(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "e 2"]:

@@ -13,7 +13,13 @@ from jaxtyping import Float, Int
 
 from dress_jax.io.atomic import atomic_open
 from dress_jax.io.gltf import GltfDocument
-from dress_jax.io.meshes import BODY_COLOUR, GarmentMesh, panel_colour, vertex_normals
+from dress_jax.io.meshes import (
+    BODY_COLOUR,
+    GarmentMesh,
+    panel_colour,
+    panel_meshes,
+    vertex_normals,
+)
 
 
 def write_animated_glb(
@@ -46,22 +52,15 @@ def write_animated_glb(
     document = GltfDocument()
     normals = np.stack([vertex_normals(x, garment.faces) for x in frames])
     primitives = []
-    for number, panel in enumerate(garment.panels):
-        members = garment.face_panels == number
-        if not members.any():
-            continue
-        used, first, compact = np.unique(
-            garment.rest_faces[members], return_index=True, return_inverse=True
-        )
-        corners = garment.faces[members].ravel()[first]
+    for panel in panel_meshes(garment):
         primitives.append(
             _primitive(
                 document,
-                compact.reshape(-1, 3),
-                frames[:, corners],
-                normals[:, corners],
-                {"TEXCOORD_0": garment.rest_positions[used]},
-                _material(panel, panel_colour(number), double_sided=True),
+                panel.faces,
+                frames[:, panel.corners],
+                normals[:, panel.corners],
+                {"TEXCOORD_0": garment.rest_positions[panel.used]},
+                _material(panel.name, panel_colour(panel.number), double_sided=True),
             )
         )
     nodes = [_node(document, "garment", primitives, len(frames))]

@@ -1,9 +1,9 @@
 """Draped garments and bodies as mesh files: OBJ with panels and texture, GLB to look at."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -125,32 +125,25 @@ def write_glb(
     for number, garment in enumerate(garments):
         _check(garment)
         smooth = vertex_normals(garment.vertices, garment.faces)
-        for k, name in enumerate(garment.panels):
-            members = garment.face_panels == k
-            if not members.any():
-                continue
-            # One corner per panel vertex, so that texture may jump at seams while normals do not.
-            used, first, compact = np.unique(
-                garment.rest_faces[members], return_index=True, return_inverse=True
-            )
-            corners = garment.faces[members].ravel()[first]
+        for panel in panel_meshes(garment):
             material = trimesh.visual.material.PBRMaterial(
-                name=name,
-                baseColorFactor=(*panel_colour(k), 1.0),
+                name=panel.name,
+                baseColorFactor=(*panel_colour(panel.number), 1.0),
                 metallicFactor=0.0,
                 roughnessFactor=0.9,
                 doubleSided=True,
             )
             mesh = trimesh.Trimesh(
-                vertices=garment.vertices[corners],
-                faces=compact.reshape(-1, 3),
-                vertex_normals=smooth[corners],
+                vertices=garment.vertices[panel.corners],
+                faces=panel.faces,
+                vertex_normals=smooth[panel.corners],
                 visual=trimesh.visual.TextureVisuals(
-                    uv=garment.rest_positions[used], material=material
+                    uv=garment.rest_positions[panel.used], material=material
                 ),
                 process=False,
             )
-            node = f"garment{number}/{name}" if len(garments) > 1 else f"garment/{name}"
+            root = f"garment{number}" if len(garments) > 1 else "garment"
+            node = f"{root}/{panel.name}"
             scene.add_geometry(mesh, node_name=node, geom_name=node)
     if body is not None:
         vertices, faces = np.asarray(body[0], dtype=np.float64), np.asarray(body[1])
@@ -171,6 +164,38 @@ def write_glb(
     content = scene.export(file_type="glb", include_normals=True)
     with atomic_open(path, binary=True) as file:
         file.write(content)
+
+
+class PanelMesh(NamedTuple):
+    """A panel of a garment on its own: a vertex for each of its panel vertices.
+
+    Texture may then jump at seams, while normals, taken from the whole garment, do not.
+
+    Attributes:
+        number, name: of the panel.
+        used: panel vertices, (u,).
+        corners: vertices of the garment at them, (u,).
+        faces: triangles in these, (g, 3).
+    """
+
+    number: int
+    name: str
+    used: Int[np.ndarray, " u"]
+    corners: Int[np.ndarray, " u"]
+    faces: Int[np.ndarray, "g 3"]
+
+
+def panel_meshes(garment: GarmentMesh) -> Iterator[PanelMesh]:
+    """The panels that have a triangle."""
+    for number, name in enumerate(garment.panels):
+        members = garment.face_panels == number
+        if not members.any():
+            continue
+        used, first, compact = np.unique(
+            garment.rest_faces[members], return_index=True, return_inverse=True
+        )
+        corners = garment.faces[members].ravel()[first]
+        yield PanelMesh(number, name, used, corners, compact.reshape(-1, 3))
 
 
 def vertex_normals(

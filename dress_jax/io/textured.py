@@ -16,7 +16,7 @@ from PIL import Image
 from dress_jax.io.atomic import atomic_open
 from dress_jax.io.gltf import GltfDocument
 from dress_jax.io.images import write_rgb
-from dress_jax.io.meshes import BODY_COLOUR, GarmentMesh, vertex_normals
+from dress_jax.io.meshes import BODY_COLOUR, GarmentMesh, panel_meshes, vertex_normals
 from dress_jax.texture.textured import Texture
 
 # Of the glTF 2.0 specification.
@@ -103,32 +103,29 @@ def write_textured_glb(
         textures.append(document.add("textures", {"sampler": sampler, "source": source}))
     smooth = vertex_normals(garment.vertices, garment.faces)
     children = []
-    for number, panel in enumerate(garment.panels):
-        members = garment.face_panels == number
-        if not members.any():
-            continue
-        used, first, compact = np.unique(
-            garment.rest_faces[members], return_index=True, return_inverse=True
-        )
-        corners = garment.faces[members].ravel()[first]
+    for panel in panel_meshes(garment):
         # Rows of a glTF image count from the top, so its second coordinate does as well.
-        place = texture.coordinates[used] * [1.0, -1.0] + [0.0, 1.0]
+        place = texture.coordinates[panel.used] * [1.0, -1.0] + [0.0, 1.0]
         material = {
-            "name": panel,
+            "name": panel.name,
             "doubleSided": True,
             "pbrMetallicRoughness": {
-                "baseColorTexture": {"index": textures[int(texture.panel_images[number])]},
+                "baseColorTexture": {"index": textures[int(texture.panel_images[panel.number])]},
                 "metallicFactor": 0.0,
                 "roughnessFactor": 0.9,
             },
         }
         mesh = document.add_mesh(
-            panel,
-            compact.reshape(-1, 3),
-            {"POSITION": garment.vertices[corners], "NORMAL": smooth[corners], "TEXCOORD_0": place},
+            panel.name,
+            panel.faces,
+            {
+                "POSITION": garment.vertices[panel.corners],
+                "NORMAL": smooth[panel.corners],
+                "TEXCOORD_0": place,
+            },
             material,
         )
-        children.append(document.add("nodes", {"name": panel, "mesh": mesh}))
+        children.append(document.add("nodes", {"name": panel.name, "mesh": mesh}))
     roots = [document.add("nodes", {"name": "garment", "children": children})]
     if body is not None:
         vertices, faces = np.asarray(body[0], np.float64), np.asarray(body[1])

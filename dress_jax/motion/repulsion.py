@@ -20,11 +20,10 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy import sparse
 
 from dress_jax.core.errors import InputError
 from dress_jax.geometry.intersection import edge_face_intersections
-from dress_jax.geometry.topology import unique_edges
+from dress_jax.geometry.topology import neighbour_graph, neighbour_mean, unique_edges
 from dress_jax.motion.repulsion_kernels import closest_contacts, near_pairs, relax, vertex_normals
 
 _EDGE, _ANCHOR = 0.05, 3.0  # compliances of the displacement's differences, and of itself
@@ -100,13 +99,8 @@ class Repulsion:
         self._faces = np.asarray(faces, np.int64)
         self._edges = unique_edges(self._faces)
         self._options = RepulsionOptions() if options is None else options
-        count = len(self._rest)
-        both = np.concatenate([self._edges, self._edges[:, ::-1]])
-        self._graph = sparse.csr_array(
-            (np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(count, count)
-        )
-        degree = np.maximum(self._graph.sum(axis=1), 1.0)
-        self._mean = sparse.csr_array(sparse.diags_array(1.0 / degree) @ self._graph)
+        self._graph = neighbour_graph(self._faces, len(self._rest))
+        self._mean = neighbour_mean(self._graph)
         self.displacement = np.zeros_like(self._rest)
 
     def free(self, posed: Float[np.ndarray, "n 3"]) -> Freed:

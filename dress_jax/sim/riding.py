@@ -5,11 +5,10 @@ import dataclasses
 import numpy as np
 import trimesh
 from jaxtyping import Float, Int
-from scipy import sparse
 from scipy.spatial import cKDTree
 
 from dress_jax.geometry.nearest import barycentric, nearest_on_surface
-from dress_jax.geometry.topology import unique_edges
+from dress_jax.geometry.topology import neighbour_graph, neighbour_mean
 
 # Cloth closer than this goes with the body beneath it [m]; the rest follows its neighbours.
 _NEAR = 0.008
@@ -88,13 +87,7 @@ class Carrier:
             edge_length: typical, of the cloth [m].
         """
         self._body_faces = np.asarray(body_faces)
-        count = int(np.max(faces)) + 1
-        edges = unique_edges(faces)
-        ones = np.ones(2 * len(edges))
-        both = np.concatenate([edges, edges[:, ::-1]])
-        graph = sparse.csr_array((ones, (both[:, 0], both[:, 1])), shape=(count, count))
-        degree = np.maximum(graph.sum(axis=1), 1.0)
-        self._mean = sparse.csr_array(sparse.diags_array(1.0 / degree) @ graph)
+        self._mean = neighbour_mean(neighbour_graph(faces, int(np.max(faces)) + 1))
         self._pull = (edge_length / _SPREAD) ** 2
         self._around = _incident(self._body_faces)
 
